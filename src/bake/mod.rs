@@ -1,0 +1,1 @@
+//! Rank 8. Rays to signals at the points.

@@ -1,0 +1,1 @@
+//! Rank 16. The command line: arguments to recipe, progress, output.

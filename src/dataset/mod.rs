@@ -1,0 +1,1 @@
+//! Rank 9. The training set on disk.

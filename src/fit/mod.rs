@@ -1,0 +1,1 @@
+//! Rank 10. Model families fitted to a training set.

@@ -1,0 +1,3 @@
+//! The `poselight` command.
+
+fn main() {}

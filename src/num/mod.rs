@@ -1,0 +1,1 @@
+//! Rank 0. Numbers: random streams, direction sets, statistics, linear algebra, CPU kernels.

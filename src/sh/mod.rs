@@ -1,0 +1,1 @@
+//! Rank 1. Real spherical harmonics: basis, index, rotation, zonal functions.
