@@ -1,0 +1,35 @@
+# make demo   a bundled character, baked, fitted, measured: ends with demo/report.html
+# make test   format, lints, documentation, every test
+# make serve  the HTTP service (see README)
+# make bench  the measured tables of README
+# make fuzz   the readers of foreign bytes, ten million runs each
+# Every target brings what it needs; a second run is quick.
+
+CARGO ?= cargo
+VENV := .venv
+BIN = $(or $(CARGO_TARGET_DIR),target)/release/poselight
+FUZZ_RUNS ?= 10000000
+
+.PHONY: demo test bench fuzz setup build assets-table
+
+setup:
+	@.ci/setup
+
+build: setup
+	$(CARGO) build --release --locked
+
+demo: build
+	$(BIN) sample figure -o demo/figure.glb
+	$(BIN) run demo/figure.glb -o demo/run --hold-out jump --rays 128
+	@echo "Look at demo/run/report.html"
+
+test: setup $(VENV)/ready
+	$(CARGO) fmt --check
+	$(CARGO) clippy --locked --all-targets -- -D warnings
+	$(CARGO) clippy --locked --lib --no-default-features --features runtime -- -D warnings
+	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --locked --no-deps
+	POSELIGHT_PYTHON="$(CURDIR)/$(VENV)/bin/python" $(CARGO) test --locked
+
+# zarr-python and numpy read the data sets that the tests write.
+$(VENV)/ready: tests/requirements.txt
+	@.ci/venv $(VENV) tests/requirements.txt
