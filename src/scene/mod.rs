@@ -1,1 +1,166 @@
-//! Rank 5. Import of glTF and OBJ, with validation and limits.
+//! Rank 5. Import of glTF and OBJ, with validation and limits: bytes in, a [`Scene`] out.
+//!
+//! A scene is the rest mesh with its skeleton ([`crate::rig`]) and the clips that move it. What a
+//! file holds beyond that (materials, textures, cameras, lights) is not looked at.
+//!
+//! *Invariant:* nothing from a file is believed before it is checked: no count, length, index or
+//! number. Memory and time are bounded by [`Limits`], whatever the file claims.
+//! *Invariant:* only the file that the caller names is opened, and buffers that lie in the same
+//! folder or below it.
+//! *Invariant:* the only user of the `gltf` crate.
+
+mod error;
+mod limits;
+
+use std::ops::Range;
+use std::path::Path;
+
+pub use error::Error;
+pub use limits::Limits;
+
+use crate::rig::{Mesh, Skeleton};
+
+/// Everything of a file that moves or is lit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scene {
+    /// Nodes of the chosen scene and every joint of its skins, parents before children.
+    pub skeleton: Skeleton,
+    /// All triangles, in the file's order: node, primitive, vertex.
+    pub mesh: Mesh,
+    /// In the file's order; empty for a static scene.
+    pub clips: Vec<Clip>,
+    /// The bytes all of this came from: the main file first, then external buffers.
+    pub sources: Vec<Source>,
+    /// What was mended or left out, one sentence each, for the user.
+    pub notices: Vec<String>,
+}
+
+/// One file of a scene.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Source {
+    /// Relative to the folder of the main file, with `/` between parts.
+    pub name: String,
+    /// The file's content.
+    pub bytes: Vec<u8>,
+}
+
+/// One animation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Clip {
+    /// Unique within the scene; an unnamed one is `clip` and its number in the file.
+    pub name: String,
+    /// The latest key of any channel, seconds from 0.
+    pub duration_s: f32,
+    /// At most one per target.
+    pub channels: Vec<Channel>,
+}
+
+/// How one property of one node moves over a clip.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Channel {
+    /// What moves.
+    pub target: Target,
+    /// How values between keys come about.
+    pub interpolation: Interpolation,
+    /// Key times, finite, not negative, strictly ascending, at least one.
+    pub times_s: Vec<f32>,
+    /// `[key, component]`, or `[key, in-tangent | value | out-tangent, component]` for
+    /// [`Interpolation::CubicSpline`] (tangents per second). 3 components for a translation
+    /// (metres) or scale, 4 for a rotation (x, y, z, w; unit length unless cubic, never zero),
+    /// one per slot for weights. All finite.
+    pub values: Vec<f32>,
+}
+
+impl Channel {
+    /// Numbers per key value: 3, 4 or the number of weight slots.
+    #[must_use]
+    pub fn components(&self) -> usize {
+        match &self.target {
+            Target::Translation(_) | Target::Scale(_) => 3,
+            Target::Rotation(_) => 4,
+            Target::Weights(slots) => slots.len(),
+        }
+    }
+}
+
+/// The property that a channel moves.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Target {
+    /// Of a node, index into [`Skeleton::nodes`].
+    Translation(usize),
+    /// Of a node, index into [`Skeleton::nodes`].
+    Rotation(usize),
+    /// Of a node, index into [`Skeleton::nodes`].
+    Scale(usize),
+    /// Slots of [`crate::rig::Pose::weights`].
+    Weights(Range<usize>),
+}
+
+/// How values between keys come about (glTF 2.0, appendix C).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Interpolation {
+    /// The earlier key's value.
+    Step,
+    /// Linear; along the shorter great circle for rotations.
+    Linear,
+    /// Cubic Hermite; rotations are normalised after.
+    CubicSpline,
+}
+
+/// Reads a `.glb`, `.gltf` or `.obj` file, told apart by content where possible and else by
+/// extension, together with its external buffers.
+///
+/// # Errors
+/// See [`Error`]: each names the place in the file and what is wrong with it.
+pub fn import(path: &Path, limits: &Limits) -> Result<Scene, Error> {
+    let _ = (path, limits);
+    Err(Error::Unsupported { feature: "import".into(), place: "this build".into() })
+}
+
+/// As [`import`], from memory: the main file first, external buffers found by name.
+///
+/// # Errors
+/// See [`Error`].
+pub fn import_sources(sources: Vec<Source>, limits: &Limits) -> Result<Scene, Error> {
+    let _ = (&sources, limits);
+    drop(sources);
+    Err(Error::Unsupported { feature: "import".into(), place: "this build".into() })
+}
+
+/// The size of a character: the diagonal of its rest pose's bounding box, metres.
+///
+/// Computed in f64; 0 for an empty mesh.
+#[must_use]
+pub fn size_m(mesh: &Mesh, skeleton: &Skeleton) -> f32 {
+    let rest: Vec<_> = skeleton.nodes.iter().map(|node| node.rest).collect();
+    let globals = skeleton.globals(&rest);
+    let mut low = glam::DVec3::INFINITY;
+    let mut high = glam::DVec3::NEG_INFINITY;
+    for position in rest_positions(mesh, &globals) {
+        low = low.min(position.as_dvec3());
+        high = high.max(position.as_dvec3());
+    }
+    if mesh.positions.is_empty() { 0.0 } else { (high - low).length() as f32 }
+}
+
+/// Every vertex of the rest pose, morphs at their default weights, in the scene's space.
+fn rest_positions(mesh: &Mesh, globals: &[glam::Affine3A]) -> Vec<glam::Vec3> {
+    let mut positions = mesh.positions.clone();
+    for morph in &mesh.morphs {
+        let weight = mesh.default_weights[morph.weight];
+        for (&vertex, &delta) in morph.vertices.iter().zip(&morph.position_deltas) {
+            positions[vertex as usize] += weight * delta;
+        }
+    }
+    let maps: Vec<glam::Affine3A> =
+        mesh.deformers.iter().map(|d| globals[d.node] * d.inverse_bind).collect();
+    for (vertex, position) in positions.iter_mut().enumerate() {
+        let rest = *position;
+        *position = mesh
+            .influences_of(vertex)
+            .iter()
+            .map(|i| i.weight * maps[i.deformer as usize].transform_point3(rest))
+            .sum();
+    }
+    positions
+}
