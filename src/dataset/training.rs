@@ -1,0 +1,163 @@
+//! What a fit is allowed to see: the poses of split `training`, and nothing else.
+
+use std::ops::Range;
+
+use glam::Quat;
+
+use std::marker::PhantomData;
+
+use super::Error;
+
+/// The training poses of a data set, read by ranges of points.
+///
+/// *Invariant:* no method gives a value of a pose outside split `training`; pose indices are
+/// those within the training set.
+#[derive(Debug)]
+pub struct Training<'a> {
+    parts: TrainingParts,
+    dataset: PhantomData<&'a ()>,
+}
+
+/// A training set made in memory: for tests and synthetic data.
+#[derive(Debug, Clone, Default)]
+pub struct TrainingParts {
+    /// Number of merged vertices.
+    pub points: usize,
+    /// Colour channels, 1 or 3.
+    pub channels: usize,
+    /// Spherical-harmonic coefficients per channel.
+    pub coefficients: usize,
+    /// Number of bones, at least 1.
+    pub bones: usize,
+    /// `[pose, parameter]`, not centred.
+    pub parameters: Vec<f32>,
+    /// One per parameter.
+    pub parameter_names: Vec<String>,
+    /// Clip of each pose, -1 where it belongs to none; its length is the number of poses.
+    pub clips: Vec<i32>,
+    /// `[pose, bone]`, relative to rest, in the root frame.
+    pub bone_rotations: Vec<Quat>,
+    /// Bone of each point.
+    pub point_bones: Vec<u16>,
+    /// Mean variance of one coefficient's sampling noise.
+    pub noise_variance: f64,
+    /// `[pose, point, channel, coefficient]`, root frame.
+    pub values: Vec<f32>,
+}
+
+impl Training<'static> {
+    /// A training set that is wholly in memory.
+    ///
+    /// # Panics
+    /// If the lengths of the parts do not agree with one another.
+    #[must_use]
+    pub fn in_memory(parts: TrainingParts) -> Self {
+        let poses = parts.clips.len();
+        let row = parts.channels * parts.coefficients;
+        assert_eq!(parts.parameters.len(), poses * parts.parameter_names.len(), "parameters");
+        assert_eq!(parts.bone_rotations.len(), poses * parts.bones, "bone rotations");
+        assert_eq!(parts.point_bones.len(), parts.points, "bones of points");
+        assert_eq!(parts.values.len(), poses * parts.points * row, "values");
+        Self { parts, dataset: PhantomData }
+    }
+}
+
+impl Training<'_> {
+    /// Number of training poses.
+    #[must_use]
+    pub fn poses(&self) -> usize {
+        self.parts.clips.len()
+    }
+
+    /// Number of points (merged vertices).
+    #[must_use]
+    pub fn points(&self) -> usize {
+        self.parts.points
+    }
+
+    /// Colour channels, 1 or 3.
+    #[must_use]
+    pub fn channels(&self) -> usize {
+        self.parts.channels
+    }
+
+    /// Spherical-harmonic coefficients per channel.
+    #[must_use]
+    pub fn coefficients(&self) -> usize {
+        self.parts.coefficients
+    }
+
+    /// Pose parameters, `[pose, parameter]`, not centred; angles in radians.
+    #[must_use]
+    pub fn parameters(&self) -> &[f32] {
+        &self.parts.parameters
+    }
+
+    /// One name per parameter.
+    #[must_use]
+    pub fn parameter_names(&self) -> &[String] {
+        &self.parts.parameter_names
+    }
+
+    /// The clip of each pose, -1 where it belongs to none.
+    #[must_use]
+    pub fn clips(&self) -> &[i32] {
+        &self.parts.clips
+    }
+
+    /// Rotations of the bones relative to rest, in the root frame, `[pose, bone]`.
+    #[must_use]
+    pub fn bone_rotations(&self) -> &[Quat] {
+        &self.parts.bone_rotations
+    }
+
+    /// Number of bones.
+    #[must_use]
+    pub fn bones(&self) -> usize {
+        self.parts.bones
+    }
+
+    /// The dominant bone of each point.
+    #[must_use]
+    pub fn point_bones(&self) -> &[u16] {
+        &self.parts.point_bones
+    }
+
+    /// Mean over poses and points of the variance of one coefficient's sampling noise
+    /// (the square of the data set's `noise`).
+    #[must_use]
+    pub fn noise_variance(&self) -> f64 {
+        self.parts.noise_variance
+    }
+
+    /// Reads the coefficients of a range of points at every training pose into
+    /// `out` `[pose, point, channel, coefficient]`, root frame. Safe to call from many threads.
+    ///
+    /// # Errors
+    /// A chunk that cannot be read, is damaged, or holds a value that is not finite.
+    ///
+    /// # Panics
+    /// If the range leaves the mesh, or `out` has another length than the product of the sizes.
+    pub fn read_points(&self, points: Range<usize>, out: &mut [f32]) -> Result<(), Error> {
+        self.copy_points(points, out);
+        Ok(())
+    }
+
+    fn copy_points(&self, points: Range<usize>, out: &mut [f32]) {
+        let row = self.parts.channels * self.parts.coefficients;
+        assert!(
+            points.start <= points.end && points.end <= self.parts.points,
+            "points {points:?} of {}",
+            self.parts.points
+        );
+        assert_eq!(out.len(), self.poses() * points.len() * row, "length of the output");
+        if out.is_empty() {
+            return;
+        }
+        let stride = self.parts.points * row;
+        let poses = self.parts.values.chunks_exact(stride);
+        for (values, out) in poses.zip(out.chunks_exact_mut(points.len() * row)) {
+            out.copy_from_slice(&values[points.start * row..points.end * row]);
+        }
+    }
+}
