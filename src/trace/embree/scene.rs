@@ -1,0 +1,213 @@
+//! A committed triangle mesh.
+
+use std::ptr;
+use std::sync::Arc;
+
+use embree4_sys as sys;
+use glam::Vec3;
+
+use super::device::{Device, Handle};
+use super::ffi;
+use super::{nearest, occlusion};
+use crate::trace::POSITION_LIMIT_M;
+use crate::trace::error::{Code, Error};
+use crate::trace::rays::{Hit, Rays, Width, words_of};
+
+/// Triangles ready to be traced. It never changes, so threads share it freely.
+#[derive(Debug)]
+pub struct Scene {
+    raw: sys::RTCScene,
+    width: Width,
+    triangles: usize,
+    /// Released after the scene: fields drop after `Drop::drop`.
+    _device: Arc<Handle>,
+}
+
+// SAFETY: the value owns its reference, and Embree lets any thread release a scene.
+unsafe impl Send for Scene {}
+// SAFETY: the scene is committed before a `Scene` exists and is never modified after; Embree
+// allows any number of concurrent queries on a committed scene.
+unsafe impl Sync for Scene {}
+
+impl Drop for Scene {
+    fn drop(&mut self) {
+        // SAFETY: the value owns one reference, given up exactly here.
+        unsafe { sys::rtcReleaseScene(self.raw) };
+    }
+}
+
+impl Scene {
+    /// Builds the acceleration structure in the calling thread; the same input gives the same
+    /// structure. Positions in metres; they are copied. Triangles of no area are never hit.
+    /// Both sides of a triangle block.
+    ///
+    /// # Errors
+    /// A triangle that names a missing vertex, a coordinate that is not finite or beyond
+    /// [`POSITION_LIMIT_M`], more than 2³² − 1 vertices or triangles, or memory that runs out.
+    pub fn build(
+        device: &Device,
+        positions: &[Vec3],
+        triangles: &[[u32; 3]],
+    ) -> Result<Self, Error> {
+        check(positions, triangles)?;
+        let _ = ffi::take_error();
+        let failed = |raw_error: Option<(Code, String)>| {
+            let (code, message) = raw_error.unwrap_or((Code(0), String::new()));
+            Error::Build { triangles: triangles.len(), code, message }
+        };
+        // SAFETY: the device is live.
+        let raw = unsafe { sys::rtcNewScene(device.handle().raw()) };
+        if raw.is_null() {
+            return Err(failed(ffi::take_error()));
+        }
+        // From here on `Drop` releases the scene on every path.
+        let scene = Self {
+            raw,
+            width: device.width(),
+            triangles: triangles.len(),
+            _device: Arc::clone(device.handle()),
+        };
+        // SAFETY: the scene is live and not committed.
+        unsafe { sys::rtcSetSceneBuildQuality(raw, sys::RTCBuildQuality::MEDIUM) };
+        if !triangles.is_empty() {
+            attach(device, raw, positions, triangles).map_err(failed)?;
+        }
+        // SAFETY: the scene is live, no other thread knows of it, its geometry is committed.
+        unsafe { sys::rtcCommitScene(raw) };
+        match ffi::take_error() {
+            None => Ok(scene),
+            error => Err(failed(error)),
+        }
+    }
+
+    /// How many triangles it was built from.
+    #[must_use]
+    pub fn triangles(&self) -> usize {
+        self.triangles
+    }
+
+    /// Sets bit i % 64 of word i / 64 where anything blocks ray i, and clears it elsewhere; bits
+    /// past the last ray are cleared too.
+    ///
+    /// # Panics
+    /// If `blocked` is not [`words_of`] words long, or the rays' slices differ in length.
+    pub fn occluded(&self, rays: &Rays<'_>, blocked: &mut [u64]) {
+        self.occluded_by(self.width, rays, blocked);
+    }
+
+    /// As [`Self::occluded`] by packets of a given width, native or not. For tests and
+    /// comparisons.
+    ///
+    /// # Panics
+    /// As [`Self::occluded`].
+    pub fn occluded_by(&self, width: Width, rays: &Rays<'_>, blocked: &mut [u64]) {
+        assert_eq!(blocked.len(), words_of(rays.len()), "words for {} rays", rays.len());
+        blocked.fill(0);
+        match width {
+            Width::One => occlusion::by_1(self, rays, blocked),
+            Width::Four => occlusion::by_4(self, rays, blocked),
+            Width::Eight => occlusion::by_8(self, rays, blocked),
+            Width::Sixteen => occlusion::by_16(self, rays, blocked),
+        }
+    }
+
+    /// Writes the nearest hit of each ray, or `None` where it escapes.
+    ///
+    /// # Panics
+    /// If `hits` is not as long as the rays, or the rays' slices differ in length.
+    pub fn nearest(&self, rays: &Rays<'_>, hits: &mut [Option<Hit>]) {
+        self.nearest_by(self.width, rays, hits);
+    }
+
+    /// As [`Self::nearest`] by packets of a given width, native or not. For tests and
+    /// comparisons.
+    ///
+    /// # Panics
+    /// As [`Self::nearest`].
+    pub fn nearest_by(&self, width: Width, rays: &Rays<'_>, hits: &mut [Option<Hit>]) {
+        assert_eq!(hits.len(), rays.len(), "hits for {} rays", rays.len());
+        match width {
+            Width::One => nearest::by_1(self, rays, hits),
+            Width::Four => nearest::by_4(self, rays, hits),
+            Width::Eight => nearest::by_8(self, rays, hits),
+            Width::Sixteen => nearest::by_16(self, rays, hits),
+        }
+    }
+
+    pub(super) fn raw(&self) -> sys::RTCScene {
+        self.raw
+    }
+}
+
+fn check(positions: &[Vec3], triangles: &[[u32; 3]]) -> Result<(), Error> {
+    for (what, count) in [("vertices", positions.len()), ("triangles", triangles.len())] {
+        if u32::try_from(count).is_err() {
+            return Err(Error::TooMany { what, count });
+        }
+    }
+    // Written so that NaN fails.
+    let traceable = |p: &Vec3| p.abs().max_element() < POSITION_LIMIT_M && !p.is_nan();
+    if let Some(vertex) = positions.iter().position(|p| !traceable(p)) {
+        return Err(Error::Position { vertex, position: positions[vertex] });
+    }
+    let vertices = positions.len();
+    for (triangle, corners) in triangles.iter().enumerate() {
+        if let Some(&vertex) = corners.iter().find(|&&corner| corner as usize >= vertices) {
+            return Err(Error::Vertex { triangle, vertex, vertices });
+        }
+    }
+    Ok(())
+}
+
+/// Copies the mesh into buffers that Embree allocates (and pads) itself, and hands the geometry
+/// over to the scene. The error is what Embree said, if anything.
+fn attach(
+    device: &Device,
+    scene: sys::RTCScene,
+    positions: &[Vec3],
+    triangles: &[[u32; 3]],
+) -> Result<(), Option<(Code, String)>> {
+    // SAFETY: the device is live.
+    let raw = unsafe { sys::rtcNewGeometry(device.handle().raw(), sys::RTCGeometryType::TRIANGLE) };
+    if raw.is_null() {
+        return Err(ffi::take_error());
+    }
+    let geometry = Geometry(raw);
+    let (vertex, index) = (sys::RTCBufferType::VERTEX, sys::RTCBufferType::INDEX);
+    fill(&geometry, vertex, sys::RTCFormat::FLOAT3, bytemuck::cast_slice(positions))?;
+    fill(&geometry, index, sys::RTCFormat::UINT3, bytemuck::cast_slice(triangles))?;
+    // SAFETY: the geometry is live and both of its buffers are set.
+    unsafe { sys::rtcCommitGeometry(geometry.0) };
+    // SAFETY: both are live and belong to the same device; the scene takes its own reference.
+    unsafe { sys::rtcAttachGeometry(scene, geometry.0) };
+    Ok(())
+}
+
+/// Owns one reference to a geometry until the scene has taken its own.
+struct Geometry(sys::RTCGeometry);
+
+impl Drop for Geometry {
+    fn drop(&mut self) {
+        // SAFETY: the value owns one reference, given up exactly here.
+        unsafe { sys::rtcReleaseGeometry(self.0) };
+    }
+}
+
+/// Gives the geometry a buffer of 12-byte elements with this content.
+fn fill(
+    geometry: &Geometry,
+    kind: sys::RTCBufferType,
+    format: sys::RTCFormat,
+    content: &[[u8; 12]],
+) -> Result<(), Option<(Code, String)>> {
+    // SAFETY: the geometry is live and not committed; Embree allocates and owns the memory.
+    let buffer =
+        unsafe { sys::rtcSetNewGeometryBuffer(geometry.0, kind, 0, format, 12, content.len()) };
+    if buffer.is_null() {
+        return Err(ffi::take_error());
+    }
+    // SAFETY: not null; Embree has allocated at least stride × count bytes, nothing else refers to
+    // them before the commit, bytes need no alignment, and the source cannot overlap them.
+    unsafe { ptr::copy_nonoverlapping(content.as_ptr(), buffer.cast(), content.len()) };
+    Ok(())
+}
