@@ -1,14 +1,28 @@
 //! Rank 2. The rigged character in memory: skeleton, mesh, pose, and the arithmetic that moves
 //! one by the other.
 //!
+//! A frame goes [`Pose`] → [`Skeleton::globals`] → [`root_frame`] → [`deform`]; what a model needs
+//! of it is [`JointAngles::encode`] and [`bone_rotations`].
+//!
 //! *Invariant:* nothing here reads files or knows of glTF; an engine can build every type by hand.
+//! *Invariant:* no function returns a number that is not finite for a finite pose.
 
+mod angles;
+mod bones;
+mod deform;
 mod frame;
 mod mesh;
+mod points;
 mod pose;
+mod rotation;
 mod skeleton;
 
+pub use angles::{Column, JointAngles, LEAST_DEVIATION, Source};
+pub use bones::{Bones, bone_rotations, carried_weight, root_frame, root_node};
+pub use deform::{Deformed, deform};
 pub use frame::RigidFrame;
 pub use mesh::{Deformer, Influence, Mesh, MorphTarget, Part};
+pub use points::Points;
 pub use pose::Pose;
+pub use rotation::{mean_rotation, nearest_rotation, rotation_vector};
 pub use skeleton::{Node, Skeleton, Transform};
