@@ -45,7 +45,7 @@ pub enum Error {
         path: PathBuf,
         /// The version stated there.
         found: u64,
-        /// The version of this build.
+        /// [`super::FORMAT_VERSION`].
         supported: u64,
     },
     /// The folder holds the result of another recipe.
@@ -188,4 +188,15 @@ pub enum Error {
         /// The data set.
         path: PathBuf,
     },
+}
+
+impl Error {
+    /// For `map_err`: wraps what the operating system said about `path`.
+    pub(super) fn io(
+        action: &'static str,
+        path: impl Into<PathBuf>,
+    ) -> impl FnOnce(io::Error) -> Self {
+        let path = path.into();
+        move |source| Self::Io { action, path, source }
+    }
 }

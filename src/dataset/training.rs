@@ -4,9 +4,7 @@ use std::ops::Range;
 
 use glam::Quat;
 
-use std::marker::PhantomData;
-
-use super::Error;
+use super::{Dataset, Error};
 
 /// The training poses of a data set, read by ranges of points.
 ///
@@ -15,7 +13,13 @@ use super::Error;
 #[derive(Debug)]
 pub struct Training<'a> {
     parts: TrainingParts,
-    dataset: PhantomData<&'a ()>,
+    source: Source<'a>,
+}
+
+#[derive(Debug)]
+enum Source<'a> {
+    Memory,
+    Stored { dataset: &'a Dataset, poses: Vec<usize> },
 }
 
 /// A training set made in memory: for tests and synthetic data.
@@ -58,11 +62,16 @@ impl Training<'static> {
         assert_eq!(parts.bone_rotations.len(), poses * parts.bones, "bone rotations");
         assert_eq!(parts.point_bones.len(), parts.points, "bones of points");
         assert_eq!(parts.values.len(), poses * parts.points * row, "values");
-        Self { parts, dataset: PhantomData }
+        Self { parts, source: Source::Memory }
     }
 }
 
-impl Training<'_> {
+impl<'a> Training<'a> {
+    /// The training poses `poses` of `dataset`; `parts.values` is empty.
+    pub(super) fn stored(dataset: &'a Dataset, poses: Vec<usize>, parts: TrainingParts) -> Self {
+        Self { parts, source: Source::Stored { dataset, poses } }
+    }
+
     /// Number of training poses.
     #[must_use]
     pub fn poses(&self) -> usize {
@@ -139,8 +148,13 @@ impl Training<'_> {
     /// # Panics
     /// If the range leaves the mesh, or `out` has another length than the product of the sizes.
     pub fn read_points(&self, points: Range<usize>, out: &mut [f32]) -> Result<(), Error> {
-        self.copy_points(points, out);
-        Ok(())
+        match &self.source {
+            Source::Stored { dataset, poses } => dataset.read_points(poses, points, out),
+            Source::Memory => {
+                self.copy_points(points, out);
+                Ok(())
+            }
+        }
     }
 
     fn copy_points(&self, points: Range<usize>, out: &mut [f32]) {

@@ -1,0 +1,1 @@
+//! Full disks, folders that cannot be written, two writers at once.
