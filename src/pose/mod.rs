@@ -1,1 +1,264 @@
-//! Rank 6. Clips sampled to poses.
+//! Rank 6. Clips sampled to poses: what is baked, what is held out, and the parameters of each.
+//!
+//! *Invariant:* the result depends on the scene and the settings alone.
+//! *Invariant:* parameters keep only what varies in [`Split::Training`]; no other split has a say.
+
+mod error;
+mod evaluate;
+mod repeats;
+mod schedule;
+
+use glam::{Affine3A, Quat};
+
+pub use error::Error;
+pub use evaluate::evaluate;
+
+use crate::rig::{
+    self, Bones, JointAngles, Points, Pose, RigidFrame, bone_rotations, carried_weight, root_frame,
+};
+use crate::scene::{Scene, size_m};
+use schedule::{Instant, Schedule};
+
+/// What to sample.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// Clips by name. Default: all.
+    pub clips: Option<Vec<String>>,
+    /// Clips that are never trained on, by name; they need not be among `clips`. An empty list
+    /// holds out nothing. Default: with two clips or more a quarter of them, at least one, drawn
+    /// by the seed from those of ten frames or more; with one clip its last quarter
+    /// ([`Split::WithinClip`]).
+    pub hold_out: Option<Vec<String>>,
+    /// Frames per second, positive. Default 30. A clip's first and last key are always sampled.
+    pub rate_hz: f32,
+    /// Every k-th frame of a training clip is [`Split::Interpolated`]; 0 for none, else at least
+    /// 2. Default 10.
+    pub interpolated_every: u32,
+    /// A pose is dropped where no parameter differs by more than this (radians, model sizes,
+    /// units of scale and weight) from an earlier pose of the same split; 0 drops none.
+    /// Default 0.005, which is 0.3°.
+    pub near_repeat: f32,
+    /// Draws the clips that are held out. Default 0.
+    pub seed: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            clips: None,
+            hold_out: None,
+            rate_hz: 30.0,
+            interpolated_every: 10,
+            near_repeat: 0.005,
+            seed: 0,
+        }
+    }
+}
+
+/// What a pose is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum Split {
+    /// Fitted.
+    Training = 0,
+    /// Of a clip that is held out as a whole.
+    Novel = 1,
+    /// Held out between training frames of the same clip.
+    Interpolated = 2,
+    /// Of the last quarter of the only clip.
+    WithinClip = 3,
+}
+
+/// One pose with where it comes from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sample {
+    /// Index into [`PoseSet::clip_names`].
+    pub clip: usize,
+    /// Seconds on the clip's own clock.
+    pub time_s: f32,
+    /// What it is for.
+    pub split: Split,
+    /// Local transforms and morph weights.
+    pub pose: Pose,
+    /// The root's rigid motion since rest, which is taken out before baking.
+    pub root: RigidFrame,
+    /// Bone → rotation since rest, in the root frame.
+    pub bone_rotations: Vec<Quat>,
+}
+
+/// How many poses of a clip were dropped as near-repeats.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NearRepeat {
+    /// Index into [`PoseSet::clip_names`].
+    pub clip: usize,
+    /// Poses dropped.
+    pub dropped: usize,
+    /// Poses before that.
+    pub sampled: usize,
+    /// [`Settings::near_repeat`].
+    pub threshold: f32,
+}
+
+/// Everything that the following stages need to know about poses.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PoseSet {
+    /// The sampled clips in the scene's order; `rest` alone for a scene without clips.
+    pub clip_names: Vec<String>,
+    /// By clip, then by time.
+    pub samples: Vec<Sample>,
+    /// The map from poses to parameters.
+    pub parametrisation: JointAngles,
+    /// `[pose, parameter]`, not centred.
+    pub parameters: Vec<f32>,
+    /// Which vertices are one point.
+    pub points: Points,
+    /// Which bone each point sits on.
+    pub bones: Bones,
+    /// The node whose rigid motion is the root frame.
+    pub root_node: Option<usize>,
+    /// The diagonal of the rest pose's bounding box, metres.
+    pub size_m: f32,
+    /// What was dropped, for each clip that lost poses.
+    pub near_repeats: Vec<NearRepeat>,
+}
+
+/// Samples the chosen clips, drops near-repeats, and finds the parameters.
+///
+/// A scene without clips, or with none chosen, gives its rest pose as the only, training sample.
+///
+/// # Errors
+/// See [`Error`]: settings out of range, unknown clips, nothing left to train on, too many poses,
+/// a mesh without extent.
+pub fn sample(scene: &Scene, settings: &Settings) -> Result<PoseSet, Error> {
+    check(settings)?;
+    let size_m = size_m(&scene.mesh, &scene.skeleton);
+    if !(size_m.is_finite() && size_m > 0.0) {
+        return Err(Error::Size { size_m });
+    }
+    let schedule = schedule::plan(scene, settings)?;
+    let rest = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
+    let mut drafts: Vec<Draft> = schedule
+        .instants
+        .iter()
+        .map(|&instant| Draft { instant, pose: pose_at(&schedule, instant, &rest) })
+        .collect();
+    let root_node = rig::root_node(&scene.skeleton, &scene.mesh);
+    // Repeats are told apart by everything that moves anywhere, parameters by training alone.
+    let everything = angles(scene, root_node, size_m, drafts.iter());
+    let near_repeats = drop_repeats(&mut drafts, &everything, settings.near_repeat);
+    let training = drafts.iter().filter(|draft| draft.instant.split == Split::Training);
+    let parametrisation = angles(scene, root_node, size_m, training);
+    let points = Points::merge(&scene.mesh);
+    let bones = Bones::dominant(&scene.mesh, &points);
+    let parameters = drafts.iter().flat_map(|draft| parametrisation.encode(&draft.pose)).collect();
+    let rest_globals = scene.skeleton.globals(&rest.local);
+    let samples = drafts
+        .into_iter()
+        .map(|draft| draft.into_sample(scene, &rest_globals, root_node, &bones))
+        .collect();
+    let clip_names = clip_names(&schedule);
+    Ok(PoseSet {
+        clip_names,
+        samples,
+        parametrisation,
+        parameters,
+        points,
+        bones,
+        root_node,
+        size_m,
+        near_repeats,
+    })
+}
+
+fn check(settings: &Settings) -> Result<(), Error> {
+    let Settings { rate_hz, near_repeat, interpolated_every, .. } = *settings;
+    if !(rate_hz.is_finite() && rate_hz > 0.0) {
+        return Err(Error::Rate { rate_hz });
+    }
+    if !(near_repeat.is_finite() && near_repeat >= 0.0) {
+        return Err(Error::NearRepeat { near_repeat });
+    }
+    if interpolated_every == 1 { Err(Error::InterpolatedEvery) } else { Ok(()) }
+}
+
+/// A pose before its derived numbers.
+struct Draft {
+    instant: Instant,
+    pose: Pose,
+}
+
+impl Draft {
+    fn into_sample(
+        self,
+        scene: &Scene,
+        rest_globals: &[Affine3A],
+        root_node: Option<usize>,
+        bones: &Bones,
+    ) -> Sample {
+        let globals = scene.skeleton.globals(&self.pose.local);
+        let root = root_frame(&scene.skeleton, &globals, rest_globals, root_node);
+        let bone_rotations = bone_rotations(&globals, rest_globals, root, bones);
+        let Instant { clip, time_s, split } = self.instant;
+        Sample { clip, time_s, split, pose: self.pose, root, bone_rotations }
+    }
+}
+
+fn pose_at(schedule: &Schedule<'_>, instant: Instant, rest: &Pose) -> Pose {
+    schedule
+        .clips
+        .get(instant.clip)
+        .map_or_else(|| rest.clone(), |clip| evaluate(clip, instant.time_s, rest))
+}
+
+fn clip_names(schedule: &Schedule<'_>) -> Vec<String> {
+    if schedule.clips.is_empty() {
+        return vec!["rest".to_owned()];
+    }
+    schedule.clips.iter().map(|clip| clip.name.clone()).collect()
+}
+
+/// The parametrisation of these poses: without the root's rigid motion and without nodes that
+/// carry no vertex.
+fn angles<'a>(
+    scene: &Scene,
+    root_node: Option<usize>,
+    size_m: f32,
+    drafts: impl Iterator<Item = &'a Draft>,
+) -> JointAngles {
+    let poses: Vec<&Pose> = drafts.map(|draft| &draft.pose).collect();
+    let nodes = &scene.skeleton.nodes;
+    let mut excluded = vec![false; nodes.len()];
+    let mut next = root_node;
+    while let Some(node) = next {
+        excluded[node] = true;
+        next = nodes[node].parent;
+    }
+    let names = &scene.mesh.weight_names;
+    let mut angles = JointAngles::from_poses(&scene.skeleton, &poses, size_m, &excluded, names);
+    let carried = carried_weight(&scene.skeleton, &scene.mesh);
+    let carries: Vec<bool> = carried.iter().map(|&weight| weight > 0.0).collect();
+    angles.retain_nodes(&carries);
+    angles
+}
+
+/// Removes near-repeats and counts them by clip.
+fn drop_repeats(drafts: &mut Vec<Draft>, by: &JointAngles, threshold: f32) -> Vec<NearRepeat> {
+    let rows: Vec<f32> = drafts.iter().flat_map(|draft| by.encode(&draft.pose)).collect();
+    let splits: Vec<Split> = drafts.iter().map(|draft| draft.instant.split).collect();
+    let keep = repeats::distinct(&rows, by.columns.len(), &splits, threshold);
+    let clips = drafts.iter().map(|draft| draft.instant.clip + 1).max().unwrap_or(0);
+    let mut report: Vec<NearRepeat> =
+        (0..clips).map(|clip| NearRepeat { clip, dropped: 0, sampled: 0, threshold }).collect();
+    for (draft, &keep) in drafts.iter().zip(&keep) {
+        let clip = &mut report[draft.instant.clip];
+        clip.sampled += 1;
+        clip.dropped += usize::from(!keep);
+    }
+    let mut keep = keep.into_iter();
+    drafts.retain(|_| keep.next().unwrap_or(true));
+    report.retain(|clip| clip.dropped > 0);
+    report
+}
+
+#[cfg(test)]
+mod tests;
