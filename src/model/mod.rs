@@ -1,1 +1,30 @@
 //! Rank 3. The fitted model: encoder, linear decoder, evaluation, light folding, blob.
+//!
+//! Every model is y(x)\[v, c\] = Σ_k D\[v, c, k\] φ_k(x): few features φ of the pose, and a large
+//! linear decoder D (MATH.md §5). [`Decoder`] is D as a fit hands it over, [`Model`] the checked
+//! whole in the layout that evaluates fastest, the blob its form on disk (`proto/model.md`).
+//!
+//! *Invariant:* nothing here knows how a model was fitted.
+//! *Invariant:* a blob may come from anybody; every field is checked before it is used.
+
+mod decoder;
+mod distance;
+mod error;
+mod evaluate;
+mod fitted;
+mod frame;
+mod header;
+mod pose;
+mod rig;
+mod rig_header;
+
+pub use decoder::{Decoder, Shape};
+pub use distance::Distance;
+pub use error::Error;
+pub use fitted::Model;
+pub use header::{
+    FORMAT_VERSION, Family, Frame, Header, MeshIdentity, PartRange, Precision, Provenance, Signal,
+    TrainingSummary, limits,
+};
+pub use pose::{JointPose, JointTransform};
+pub use rig_header::{ColumnHeader, NodeHeader, RigHeader, SourceHeader, WeightHeader};

@@ -1,0 +1,155 @@
+//! The decoders: the large linear part of each family, as a fit hands it over and a blob holds it.
+
+use super::header::{check_finite, field, limits, within};
+use super::{Error, Family, Header};
+
+/// The numbers of a model, in plain row order.
+///
+/// *width* is channels × coefficients.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Decoder {
+    /// y = mean.
+    Mean {
+        /// `[point, width]`.
+        mean: Vec<f32>,
+    },
+    /// y = mean + weights · (x − `training.centre`).
+    Linear {
+        /// `[point, width]`.
+        mean: Vec<f32>,
+        /// `[point, width, parameter]`.
+        weights: Vec<f32>,
+    },
+    /// y[v, c] = Σ_j basis[v, j] Σ_k coefficients[c, k, j] φ_k with φ = (projectionᵀ x, 1); x is
+    /// not centred, its centre is folded into the intercept k = `d_in`.
+    PcaLinear {
+        /// `[parameter, d_in]`.
+        projection: Vec<f32>,
+        /// `[width, d_in + 1, d_out]`, the intercept last.
+        coefficients: Vec<f32>,
+        /// `[point, d_out]`.
+        basis: Vec<f32>,
+    },
+}
+
+/// The sizes that shape a decoder's arrays.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shape {
+    /// Merged vertices.
+    pub points: usize,
+    /// Channels × coefficients.
+    pub width: usize,
+    /// Pose parameters.
+    pub parameters: usize,
+    /// d_in of `pca-linear`, else 0.
+    pub inputs: usize,
+    /// d_out of `pca-linear`, else 0.
+    pub outputs: usize,
+}
+
+impl Shape {
+    /// How many numbers a family stores for these sizes; times 4, 2 or 1 bytes it is the size of
+    /// the model's tensors. For `pca-linear` v·d_out + c·(d_in+1)·d_out + a·d_in, MATH.md §5.
+    #[must_use]
+    pub fn numbers(&self, family: Family) -> u64 {
+        let [v, c, a, d_in, d_out] =
+            [self.points, self.width, self.parameters, self.inputs, self.outputs].map(|n| n as u64);
+        match family {
+            Family::Mean => v * c,
+            Family::Linear => v * c * (a + 1),
+            Family::PcaLinear => v * d_out + c * (d_in + 1) * d_out + a * d_in,
+        }
+    }
+
+    /// Multiply-adds of one evaluation of all points and coefficients.
+    #[must_use]
+    pub fn multiply_adds(&self, family: Family) -> u64 {
+        let [v, c, a, d_in, d_out] =
+            [self.points, self.width, self.parameters, self.inputs, self.outputs].map(|n| n as u64);
+        match family {
+            Family::Mean => 0,
+            Family::Linear => v * c * a,
+            Family::PcaLinear => v * c * d_out + c * (d_in + 1) * d_out + a * d_in,
+        }
+    }
+}
+
+impl Decoder {
+    /// Which family it belongs to.
+    #[must_use]
+    pub fn family(&self) -> Family {
+        match self {
+            Self::Mean { .. } => Family::Mean,
+            Self::Linear { .. } => Family::Linear,
+            Self::PcaLinear { .. } => Family::PcaLinear,
+        }
+    }
+
+    /// The shape that header and array lengths agree on, after checking that they do and that
+    /// every number is finite.
+    pub(super) fn check(&self, header: &Header) -> Result<Shape, Error> {
+        if self.family() != header.family {
+            let problem =
+                format!("`{}`, but the numbers are of `{}`", header.family, self.family());
+            return Err(field("family", problem));
+        }
+        let points = header.mesh.points as usize;
+        let (width, parameters) = (header.width(), header.parameters());
+        let mut shape = Shape { points, width, parameters, inputs: 0, outputs: 0 };
+        match self {
+            Self::Mean { mean } => check_array("mean", mean, points * width)?,
+            Self::Linear { mean, weights } => {
+                check_array("mean", mean, points * width)?;
+                let count = (points * width).saturating_mul(parameters);
+                check_array("decoder.weights", weights, count)?;
+            }
+            Self::PcaLinear { projection, coefficients, basis } => {
+                shape.outputs = basis.len() / points;
+                within("output dimensions", shape.outputs as u64, limits::OUTPUTS)?;
+                if shape.outputs == 0 {
+                    return Err(field("family", "pca-linear needs an output dimension"));
+                }
+                shape.inputs = (coefficients.len() / (width * shape.outputs)).saturating_sub(1);
+                within("input dimensions", shape.inputs as u64, parameters as u64)?;
+                let (inputs, outputs) = (shape.inputs, shape.outputs);
+                check_array("decoder.basis", basis, points * outputs)?;
+                check_array("decoder.coefficients", coefficients, width * (inputs + 1) * outputs)?;
+                check_array("encoder.projection", projection, parameters * inputs)?;
+            }
+        }
+        Ok(shape)
+    }
+}
+
+fn check_array(name: &str, values: &[f32], expected: usize) -> Result<(), Error> {
+    if values.len() != expected {
+        return Err(Error::Length { what: name.to_owned(), found: values.len(), expected });
+    }
+    check_finite(name, values)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The size formula gives the published share of one mesh's coefficients for P(8,22):
+    /// 62.9 % (PRT07 table 2; 11,534 vertices, 54 joint angles, order 6).
+    #[test]
+    fn published_size_is_reproduced() {
+        let shape = Shape { points: 11_534, width: 36, parameters: 54, inputs: 8, outputs: 22 };
+        let share = shape.numbers(Family::PcaLinear) as f64 / shape.numbers(Family::Mean) as f64;
+        assert_eq!((share * 1000.0).round(), 629.0);
+        let bytes = 4 * shape.numbers(Family::PcaLinear);
+        assert_eq!(bytes, 4 * (11_534 * 22 + 36 * 9 * 22 + 54 * 8));
+    }
+
+    /// The other two published columns: 1457 % for P(15,500) and 5400 % for the linear model
+    /// without its mean, so ours has one mesh more.
+    #[test]
+    fn other_published_sizes_are_reproduced() {
+        let shape = Shape { points: 11_534, width: 36, parameters: 54, inputs: 15, outputs: 500 };
+        let mesh = shape.numbers(Family::Mean) as f64;
+        assert_eq!((shape.numbers(Family::PcaLinear) as f64 / mesh * 100.0).round(), 1458.0);
+        assert_eq!(shape.numbers(Family::Linear) as f64 / mesh, 55.0);
+    }
+}

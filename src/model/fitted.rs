@@ -1,0 +1,188 @@
+//! A checked model in the layout that evaluates fastest.
+
+use super::distance::Subspace;
+use super::header::{check_index, field, limits, within};
+use super::rig::Rig;
+use super::{Decoder, Error, Frame, Header, Shape};
+use crate::num::panels::Panels;
+
+/// A fitted model: pose parameters in, the signal at every point out.
+///
+/// *Invariant:* everything in it has been checked; no method panics on a value of a blob.
+#[derive(Debug, Clone)]
+pub struct Model {
+    pub(super) header: Header,
+    pub(super) shape: Shape,
+    pub(super) core: Core,
+    pub(super) rig: Rig,
+    pub(super) subspace: Subspace,
+    pub(super) point_of_vertex: Vec<u32>,
+    /// Empty in the root frame.
+    pub(super) bone_of_point: Vec<u16>,
+}
+
+/// The decoder's numbers as the kernels read them.
+#[derive(Debug, Clone)]
+pub(super) enum Core {
+    /// `[point, width]`.
+    Mean(Vec<f32>),
+    /// Rows `[point, width]`, inner `[parameter…, 1]`: the mean is the last column.
+    Linear(Panels),
+    PcaLinear {
+        /// `[parameter, d_in]`.
+        projection: Vec<f32>,
+        /// Rows `[d_out, width]`, inner d_in + 1.
+        coefficients: Panels,
+        /// Rows point, inner d_out.
+        basis: Panels,
+    },
+}
+
+impl Core {
+    fn new(decoder: Decoder, shape: Shape) -> Self {
+        let Shape { points, width, parameters, inputs, outputs } = shape;
+        match decoder {
+            Decoder::Mean { mean } => Self::Mean(mean),
+            Decoder::Linear { mean, weights } => {
+                Self::Linear(Panels::new(points * width, parameters + 1, |row, j| {
+                    if j == parameters { mean[row] } else { weights[row * parameters + j] }
+                }))
+            }
+            Decoder::PcaLinear { projection, coefficients, basis } => Self::PcaLinear {
+                projection,
+                coefficients: Panels::new(outputs * width, inputs + 1, |row, k| {
+                    let (j, c) = (row / width, row % width);
+                    coefficients[(c * (inputs + 1) + k) * outputs + j]
+                }),
+                basis: Panels::new(points, outputs, |row, j| basis[row * outputs + j]),
+            },
+        }
+    }
+}
+
+impl Model {
+    /// A model from its parts.
+    ///
+    /// `point_of_vertex` has one entry per vertex; `bone_of_point` one per point in the bone
+    /// frame, and is not kept in the root frame. `header.training.directions` belongs to families
+    /// without a projection only.
+    ///
+    /// # Errors
+    /// Whatever disagrees: sizes, ranges, numbers that are not finite, names that are not unique.
+    pub fn new(
+        header: Header,
+        decoder: Decoder,
+        point_of_vertex: Vec<u32>,
+        bone_of_point: Vec<u16>,
+    ) -> Result<Self, Error> {
+        header.check()?;
+        let shape = decoder.check(&header)?;
+        let bone_of_point = check_maps(&header, &point_of_vertex, bone_of_point)?;
+        let projection = match &decoder {
+            Decoder::PcaLinear { projection, .. } => {
+                if !header.training.directions.is_empty() {
+                    return Err(field("training.directions", "pca-linear has its projection"));
+                }
+                projection.as_slice()
+            }
+            Decoder::Mean { .. } | Decoder::Linear { .. } => &header.training.directions,
+        };
+        let subspace = Subspace::new(&header.training, projection)?;
+        let core = Core::new(decoder, shape);
+        let rig = Rig::new(&header.rig);
+        Ok(Self { header, shape, core, rig, subspace, point_of_vertex, bone_of_point })
+    }
+
+    /// Everything about it that is not a tensor.
+    #[must_use]
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// Puts measured errors into the header.
+    pub fn set_errors(&mut self, errors: std::collections::BTreeMap<String, serde_json::Value>) {
+        self.header.errors = errors;
+    }
+
+    /// The sizes of its arrays.
+    #[must_use]
+    pub fn shape(&self) -> Shape {
+        self.shape
+    }
+
+    /// Which point each vertex of the scene takes its values from.
+    #[must_use]
+    pub fn point_of_vertex(&self) -> &[u32] {
+        &self.point_of_vertex
+    }
+
+    /// Which bone's frame each point's coefficients are in; empty in the root frame.
+    #[must_use]
+    pub fn bone_of_point(&self) -> &[u16] {
+        &self.bone_of_point
+    }
+
+    /// The numbers in plain row order, as [`Model::new`] took them.
+    #[must_use]
+    pub fn decoder(&self) -> Decoder {
+        let Shape { points, width, parameters, inputs, outputs } = self.shape;
+        match &self.core {
+            Core::Mean(mean) => Decoder::Mean { mean: mean.clone() },
+            Core::Linear(panels) => Decoder::Linear {
+                mean: (0..points * width).map(|row| panels.at(row, parameters)).collect(),
+                weights: unpack(panels, points * width, parameters),
+            },
+            Core::PcaLinear { projection, coefficients, basis } => {
+                let mut plain = Vec::with_capacity(width * (inputs + 1) * outputs);
+                for c in 0..width {
+                    for k in 0..=inputs {
+                        plain.extend((0..outputs).map(|j| coefficients.at(j * width + c, k)));
+                    }
+                }
+                Decoder::PcaLinear {
+                    projection: projection.clone(),
+                    coefficients: plain,
+                    basis: unpack(basis, points, outputs),
+                }
+            }
+        }
+    }
+}
+
+/// The first `columns` of each row.
+fn unpack(panels: &Panels, rows: usize, columns: usize) -> Vec<f32> {
+    (0..rows).flat_map(|row| (0..columns).map(move |j| panels.at(row, j))).collect()
+}
+
+/// Both maps within their ranges; the bones only where the frame needs them.
+fn check_maps(
+    header: &Header,
+    point_of_vertex: &[u32],
+    bone_of_point: Vec<u16>,
+) -> Result<Vec<u16>, Error> {
+    let (points, vertices) = (header.mesh.points as usize, header.mesh.vertices as usize);
+    if point_of_vertex.len() != vertices {
+        let (what, found) = ("point_of_vertex".to_owned(), point_of_vertex.len());
+        return Err(Error::Length { what, found, expected: vertices });
+    }
+    for (vertex, &point) in point_of_vertex.iter().enumerate() {
+        if point as usize >= points {
+            check_index(&format!("point of vertex {vertex}"), point, points)?;
+        }
+    }
+    if header.frame == Frame::Root {
+        return Ok(Vec::new());
+    }
+    if bone_of_point.len() != points {
+        let (what, found) = ("bone_of_point".to_owned(), bone_of_point.len());
+        return Err(Error::Length { what, found, expected: points });
+    }
+    let bones = header.rig.bones.len();
+    within("bones", bones as u64, limits::BONES)?;
+    for (point, &bone) in bone_of_point.iter().enumerate() {
+        if usize::from(bone) >= bones {
+            check_index(&format!("bone of point {point}"), u32::from(bone), bones)?;
+        }
+    }
+    Ok(bone_of_point)
+}

@@ -1,0 +1,371 @@
+//! The JSON header of a model: the wire type of `proto/model.md`.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::{Error, RigHeader};
+use crate::sh::Order;
+
+/// The version that this build writes, and the newest that it reads.
+pub const FORMAT_VERSION: u32 = 1;
+
+/// Bounds on what a header may claim; a blob may come from anybody.
+pub mod limits {
+    /// Bytes of the safetensors header, which holds ours.
+    pub const HEADER_BYTES: u64 = 8 << 20;
+    /// Merged vertices, and vertices.
+    pub const POINTS: u64 = 1 << 26;
+    /// Pose parameters.
+    pub const PARAMETERS: u64 = 1 << 14;
+    /// Output dimensions of `pca-linear`.
+    pub const OUTPUTS: u64 = 1 << 12;
+    /// Nodes of the rig.
+    pub const NODES: u64 = 1 << 16;
+    /// Bones of a model in the bone frame.
+    pub const BONES: u64 = 1 << 16;
+    /// Bytes of any one name.
+    pub const NAME_BYTES: u64 = 1 << 10;
+    /// Parts of the mesh.
+    pub const PARTS: u64 = 1 << 16;
+}
+
+/// Gives an enum of unit variants its name in headers and messages.
+macro_rules! named {
+    ($(#[$doc:meta])* $name:ident { $($(#[$variant_doc:meta])* $variant:ident = $text:literal),+ $(,)? }) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+        pub enum $name { $($(#[$variant_doc])* #[serde(rename = $text)] $variant),+ }
+
+        impl $name {
+            /// Every value, in order.
+            pub const ALL: &[Self] = &[$(Self::$variant),+];
+
+            /// The name in recipes, headers and messages.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self { $(Self::$variant => $text),+ }
+            }
+
+            /// The value of this name.
+            #[must_use]
+            pub fn from_name(name: &str) -> Option<Self> {
+                Self::ALL.iter().copied().find(|value| value.name() == name)
+            }
+        }
+
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str(self.name())
+            }
+        }
+    };
+}
+
+named! {
+    /// The form of the map from pose to signal, MATH.md §5.
+    Family {
+        /// The mean over the training poses.
+        Mean = "mean",
+        /// Ridge on all parameters.
+        Linear = "linear",
+        /// Ridge between principal components of poses and of outputs.
+        PcaLinear = "pca-linear",
+    }
+}
+
+named! {
+    /// What the numbers are, MATH.md §2.
+    Signal {
+        /// Ambient occlusion: the fraction of unoccluded cosine-weighted sky, 1 number.
+        Ao = "ao",
+        /// Visibility projected to harmonics, n² numbers.
+        Visibility = "visibility",
+        /// Diffuse transfer over π, n² numbers.
+        Transfer = "transfer",
+    }
+}
+
+named! {
+    /// The axes in which a model's coefficients are given, MATH.md §1.
+    Frame {
+        /// The character's root frame.
+        Root = "root",
+        /// The frame of each point's dominant bone: the root frame's axes, turned with the bone.
+        Bone = "bone",
+    }
+}
+
+named! {
+    /// How a blob stores its numbers.
+    Precision {
+        /// 4 bytes.
+        F32 = "f32",
+        /// IEEE half, 2 bytes.
+        F16 = "f16",
+        /// 1 byte, and a scale per column.
+        I8 = "i8",
+    }
+}
+
+impl Precision {
+    /// Bytes per number, scales not counted.
+    #[must_use]
+    pub const fn bytes(self) -> u64 {
+        match self {
+            Self::F32 => 4,
+            Self::F16 => 2,
+            Self::I8 => 1,
+        }
+    }
+}
+
+/// Everything about a model that is not a tensor.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Header {
+    /// [`FORMAT_VERSION`] of the build that wrote it.
+    pub format_version: u32,
+    /// Which decoder the tensors are.
+    pub family: Family,
+    /// How the tensors are stored; set by `to_bytes`.
+    pub precision: Precision,
+    /// What the outputs are.
+    pub signal: Signal,
+    /// Number of harmonic bands, 1 to 10; 1 for `ao`, whose only coefficient is the value itself.
+    pub order: u8,
+    /// 1, or 3 for red, green, blue.
+    pub channels: u8,
+    /// Axes of the coefficients.
+    pub frame: Frame,
+    /// [`Header::conventions`]; a blob with others is refused.
+    pub conventions: BTreeMap<String, String>,
+    /// What turns a tool's pose into parameters and bone rotations.
+    pub rig: RigHeader,
+    /// Which mesh the model belongs to.
+    pub mesh: MeshIdentity,
+    /// What the training poses were, for the distance to them.
+    pub training: TrainingSummary,
+    /// Measured errors by name, free in form.
+    pub errors: BTreeMap<String, Value>,
+    /// Where the model comes from.
+    pub provenance: Provenance,
+}
+
+/// The mesh that a model was made for.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MeshIdentity {
+    /// SHA-256 of the scene's bytes, 64 lower-case hexadecimal digits.
+    pub scene_sha256: String,
+    /// Vertices in the scene's own order.
+    pub vertices: u32,
+    /// Merged vertices, what the model evaluates.
+    pub points: u32,
+    /// Which vertices belong to which primitive; contiguous, covering all vertices.
+    pub parts: Vec<PartRange>,
+}
+
+/// The vertices of one primitive of one node.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PartRange {
+    /// Mesh name.
+    pub name: String,
+    /// Index into `rig.nodes`.
+    pub node: u32,
+    /// The primitive's index within the node's mesh.
+    pub primitive: u32,
+    /// First vertex.
+    pub first_vertex: u32,
+    /// Number of vertices.
+    pub vertices: u32,
+}
+
+/// The cloud of training poses in parameter space.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainingSummary {
+    /// How many poses.
+    pub poses: u32,
+    /// Mean of each parameter; what `linear` subtracts.
+    pub centre: Vec<f32>,
+    /// Standard deviation along each retained direction: the columns of the projection of
+    /// `pca-linear`, of `directions` in the other families.
+    pub deviations: Vec<f32>,
+    /// Root mean square over the training poses of the distance to the retained subspace.
+    pub residual_rms: f32,
+    /// `[parameter, direction]`, for families without a projection; a tensor in the blob.
+    #[serde(skip)]
+    pub directions: Vec<f32>,
+}
+
+/// Lineage of a model.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Provenance {
+    /// Program and version, such as `poselight 0.1.0`.
+    pub generator: String,
+    /// The resolved recipe.
+    pub recipe: Value,
+    /// Stage → stable hash.
+    pub hashes: BTreeMap<String, String>,
+}
+
+impl Header {
+    /// What every number in this version means; MATH.md §1.
+    #[must_use]
+    pub fn conventions() -> BTreeMap<String, String> {
+        [
+            ("axes", "right-handed, +y up"),
+            (
+                "harmonics",
+                "real, orthonormal, no Condon-Shortley sign, index l(l+1)+m, m=0 about +z",
+            ),
+            ("quaternions", "x, y, z, w"),
+            ("transfer", "includes 1/pi"),
+            ("units", "metres, radians"),
+        ]
+        .map(|(key, value)| (key.to_owned(), value.to_owned()))
+        .into()
+    }
+
+    /// Numbers per point and channel: n², or 1 for `ao`.
+    #[must_use]
+    pub fn coefficients(&self) -> usize {
+        usize::from(self.order).pow(2)
+    }
+
+    /// Numbers per point: channels × coefficients.
+    #[must_use]
+    pub fn width(&self) -> usize {
+        usize::from(self.channels) * self.coefficients()
+    }
+
+    /// The order as a checked type.
+    ///
+    /// # Panics
+    /// If the header has not been checked.
+    #[must_use]
+    pub fn sh_order(&self) -> Order {
+        Order::new(self.order).expect("a checked header has an order from 1 to 10")
+    }
+
+    /// Number of pose parameters.
+    #[must_use]
+    pub fn parameters(&self) -> usize {
+        self.rig.columns.len()
+    }
+
+    /// Everything that can be checked without the tensors.
+    pub(super) fn check(&self) -> Result<(), Error> {
+        if self.format_version != FORMAT_VERSION {
+            let found = self.format_version;
+            return Err(Error::Version { found, supported: FORMAT_VERSION });
+        }
+        if self.conventions != Self::conventions() {
+            return Err(field("conventions", "they are not those of this format version"));
+        }
+        if Order::new(self.order).is_err() {
+            return Err(field("order", format!("{} is outside 1 to 10", self.order)));
+        }
+        if self.signal == Signal::Ao && self.order != 1 {
+            return Err(field("order", "ambient occlusion has one coefficient, so order 1"));
+        }
+        if self.channels != 1 && self.channels != 3 {
+            return Err(field("channels", format!("{} is neither 1 nor 3", self.channels)));
+        }
+        self.rig.check()?;
+        self.mesh.check(self.rig.nodes.len())?;
+        self.training.check(self.parameters())?;
+        check_name("provenance.generator", &self.provenance.generator)
+    }
+}
+
+impl MeshIdentity {
+    fn check(&self, nodes: usize) -> Result<(), Error> {
+        let hash = self.scene_sha256.as_bytes();
+        if hash.len() != 64 || !hash.iter().all(|c| matches!(c, b'0'..=b'9' | b'a'..=b'f')) {
+            return Err(field("mesh.scene_sha256", "it is not 64 lower-case hexadecimal digits"));
+        }
+        within("vertices", u64::from(self.vertices), limits::POINTS)?;
+        within("mesh parts", self.parts.len() as u64, limits::PARTS)?;
+        if self.points == 0 || self.points > self.vertices {
+            let problem = format!("{} points for {} vertices", self.points, self.vertices);
+            return Err(field("mesh.points", problem));
+        }
+        let mut next = 0_u32;
+        for (i, part) in self.parts.iter().enumerate() {
+            let place = format!("mesh.parts[{i}]");
+            check_name(&place, &part.name)?;
+            check_index(&format!("{place}.node"), part.node, nodes)?;
+            if part.first_vertex != next {
+                return Err(field(
+                    place,
+                    format!("it starts at {}, not {next}", part.first_vertex),
+                ));
+            }
+            next = next
+                .checked_add(part.vertices)
+                .filter(|&end| end <= self.vertices)
+                .ok_or_else(|| field(place, "it reaches beyond the last vertex"))?;
+        }
+        if !self.parts.is_empty() && next != self.vertices {
+            return Err(field("mesh.parts", format!("they end at {next}, not {}", self.vertices)));
+        }
+        Ok(())
+    }
+}
+
+impl TrainingSummary {
+    fn check(&self, parameters: usize) -> Result<(), Error> {
+        if self.centre.len() != parameters {
+            let problem = format!("{} numbers for {parameters} parameters", self.centre.len());
+            return Err(field("training.centre", problem));
+        }
+        if self.deviations.len() > parameters {
+            return Err(field("training.deviations", "there are more than parameters"));
+        }
+        check_finite("training.centre", &self.centre)?;
+        check_finite("training.deviations", &self.deviations)?;
+        if self.deviations.iter().any(|&deviation| deviation <= 0.0) {
+            return Err(field("training.deviations", "each must be positive"));
+        }
+        if !(self.residual_rms.is_finite() && self.residual_rms >= 0.0) {
+            return Err(field("training.residual_rms", "it must be finite and not negative"));
+        }
+        check_finite("training.directions", &self.directions)
+    }
+}
+
+pub(super) fn field(field: impl Into<String>, problem: impl Into<String>) -> Error {
+    Error::Field { field: field.into(), problem: problem.into() }
+}
+
+pub(super) fn within(what: &'static str, found: u64, limit: u64) -> Result<(), Error> {
+    if found > limit { Err(Error::Limit { what, found, limit }) } else { Ok(()) }
+}
+
+pub(super) fn check_name(place: &str, name: &str) -> Result<(), Error> {
+    if name.len() as u64 > limits::NAME_BYTES {
+        return Err(field(place, format!("a name of {} bytes", name.len())));
+    }
+    Ok(())
+}
+
+pub(super) fn check_index(place: &str, index: u32, count: usize) -> Result<(), Error> {
+    if index as usize >= count {
+        let (found, count) = (u64::from(index), count as u64);
+        return Err(Error::OutOfRange { what: place.to_owned(), found, count });
+    }
+    Ok(())
+}
+
+pub(super) fn check_finite(what: &str, values: &[f32]) -> Result<(), Error> {
+    match values.iter().position(|value| !value.is_finite()) {
+        Some(index) => Err(Error::NotFinite { what: what.to_owned(), index }),
+        None => Ok(()),
+    }
+}
