@@ -9,9 +9,16 @@
 //! folder or below it.
 //! *Invariant:* the only user of the `gltf` crate.
 
+mod budget;
 mod error;
+mod gltf;
 mod limits;
+mod normals;
+mod obj;
+mod source;
+mod uri;
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
@@ -19,6 +26,7 @@ pub use error::Error;
 pub use limits::Limits;
 
 use crate::rig::{Mesh, Skeleton};
+use budget::{Budget, Notices};
 
 /// Everything of a file that moves or is lit.
 #[derive(Debug, Clone, PartialEq)]
@@ -113,8 +121,15 @@ pub enum Interpolation {
 /// # Errors
 /// See [`Error`]: each names the place in the file and what is wrong with it.
 pub fn import(path: &Path, limits: &Limits) -> Result<Scene, Error> {
-    let _ = (path, limits);
-    Err(Error::Unsupported { feature: "import".into(), place: "this build".into() })
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let bytes = source::read(path, limits)?;
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let folder = folder.unwrap_or(Path::new("."));
+    let main = Source { name, bytes };
+    read(main, limits, |wanted| {
+        let bytes = source::read_below(folder, &wanted, limits)?;
+        Ok(Source { name: wanted, bytes })
+    })
 }
 
 /// As [`import`], from memory: the main file first, external buffers found by name.
@@ -122,9 +137,97 @@ pub fn import(path: &Path, limits: &Limits) -> Result<Scene, Error> {
 /// # Errors
 /// See [`Error`].
 pub fn import_sources(sources: Vec<Source>, limits: &Limits) -> Result<Scene, Error> {
-    let _ = (&sources, limits);
-    drop(sources);
-    Err(Error::Unsupported { feature: "import".into(), place: "this build".into() })
+    let mut sources = sources.into_iter();
+    let main = sources
+        .next()
+        .ok_or_else(|| Error::UnknownFormat { file: "an empty list of sources".into() })?;
+    for source in std::iter::once(&main).chain(sources.as_slice()) {
+        source::check_size(&source.name, source.bytes.len() as u64, limits)?;
+    }
+    let mut others: BTreeMap<String, Vec<u8>> =
+        sources.map(|source| (source.name, source.bytes)).collect();
+    read(main, limits, |wanted| match others.remove(&wanted) {
+        Some(bytes) => Ok(Source { name: wanted, bytes }),
+        None => Err(format!("the file {wanted:?} is not among the scene's sources")),
+    })
+}
+
+/// Reads the main file and what it draws on; `fetch` is asked once for each external buffer.
+fn read(
+    main: Source,
+    limits: &Limits,
+    mut fetch: impl FnMut(String) -> Result<Source, String>,
+) -> Result<Scene, Error> {
+    let mut budget = Budget::new(limits);
+    let mut notices = Notices::default();
+    let mut sources = vec![main];
+    let (skeleton, mesh, clips) = match format(&sources[0])? {
+        Format::Obj => {
+            let (skeleton, mesh) = obj::read(&sources[0], &mut budget, &mut notices)?;
+            (skeleton, mesh, Vec::new())
+        }
+        Format::Gltf => {
+            let document = gltf::Document::parse(&sources[0].bytes, &mut budget, &mut notices)?;
+            let mut missing = Vec::new();
+            for name in gltf::external(&document, &mut budget)? {
+                match fetch(name.clone()) {
+                    Ok(source) => sources.push(source),
+                    Err(fault) => missing.push((name, fault)),
+                }
+            }
+            let found = sources[1..].iter().map(|s| (s.name.as_str(), Ok(s.bytes.as_slice())));
+            let missing = missing.iter().map(|(name, fault)| (name.as_str(), Err(fault.clone())));
+            let external = found.chain(missing).collect();
+            let views = gltf::Sources { main: &sources[0].bytes, external };
+            gltf::build(&document, &views, &mut budget, &mut notices)?
+        }
+    };
+    check_extent(&mesh, &skeleton)?;
+    count_degenerate(&mesh, &mut notices);
+    Ok(Scene { skeleton, mesh, clips, sources, notices: notices.finish() })
+}
+
+/// The formats that are read.
+enum Format {
+    Gltf,
+    Obj,
+}
+
+/// Told by content, and where that says nothing, by extension.
+fn format(main: &Source) -> Result<Format, Error> {
+    let text = main.bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&main.bytes);
+    let starts_with = |byte| text.trim_ascii_start().first() == Some(&byte);
+    if main.bytes.starts_with(b"glTF") || starts_with(b'{') {
+        return Ok(Format::Gltf);
+    }
+    let extension = Path::new(&main.name).extension().unwrap_or_default().to_ascii_lowercase();
+    match extension.to_str() {
+        Some("obj") => Ok(Format::Obj),
+        Some("gltf") => Ok(Format::Gltf),
+        Some("glb") => {
+            Err(Error::Glb { offset: 0, fault: "the file does not start with `glTF`".into() })
+        }
+        _ => Err(Error::UnknownFormat { file: main.name.clone() }),
+    }
+}
+
+/// A character of no size, or beyond what single precision can trace, is refused.
+fn check_extent(mesh: &Mesh, skeleton: &Skeleton) -> Result<(), Error> {
+    let size_m = size_m(mesh, skeleton);
+    if (1e-9..=1e9).contains(&size_m) { Ok(()) } else { Err(Error::Extent { size_m }) }
+}
+
+/// Triangles without area are kept, since vertex and triangle numbers are the file's, but said.
+fn count_degenerate(mesh: &Mesh, notices: &mut Notices) {
+    let flat = |triangle: &&[u32; 3]| {
+        let [a, b, c] = triangle.map(|vertex| mesh.positions[vertex as usize].as_dvec3());
+        (b - a).cross(c - a) == glam::DVec3::ZERO
+    };
+    let count = mesh.triangles.iter().filter(flat).count();
+    if count > 0 {
+        let all = mesh.triangles.len();
+        notices.add(format!("{count} of {all} triangles have no area; they were kept"));
+    }
 }
 
 /// The size of a character: the diagonal of its rest pose's bounding box, metres.

@@ -1,0 +1,117 @@
+//! Counting of what a file asks for, and of what was mended.
+
+use super::{Error, Limits};
+
+/// What is counted against a limit.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Quantity {
+    DecodedBytes,
+    JsonValues,
+    Files,
+    Nodes,
+    Parts,
+    Joints,
+    Vertices,
+    Triangles,
+    MorphTargets,
+    Channels,
+    Keys,
+}
+
+impl Quantity {
+    /// The limit's value, its name, and the unit.
+    fn limit(self, limits: &Limits) -> (u64, &'static str, &'static str) {
+        match self {
+            Self::DecodedBytes => (limits.decoded_bytes, "decoded_bytes", "decoded bytes"),
+            Self::JsonValues => (limits.json_values, "json_values", "JSON values"),
+            Self::Files => (limits.files, "files", "external files"),
+            Self::Nodes => (limits.nodes, "nodes", "nodes"),
+            Self::Parts => (limits.parts, "parts", "parts"),
+            Self::Joints => (limits.joints, "joints", "joints"),
+            // Vertices are numbered by u32.
+            Self::Vertices => (limits.vertices.min(u32::MAX.into()), "vertices", "vertices"),
+            Self::Triangles => (limits.triangles, "triangles", "triangles"),
+            Self::MorphTargets => (limits.morph_targets, "morph_targets", "morph targets"),
+            Self::Channels => (limits.channels, "channels", "channels"),
+            Self::Keys => (limits.keys, "keys", "keys"),
+        }
+    }
+}
+
+/// Running totals of one import. Nothing is allocated before it is taken from here.
+#[derive(Debug)]
+pub(super) struct Budget<'a> {
+    limits: &'a Limits,
+    taken: [u64; Quantity::Keys as usize + 1],
+}
+
+impl<'a> Budget<'a> {
+    pub(super) fn new(limits: &'a Limits) -> Self {
+        Self { limits, taken: [0; Quantity::Keys as usize + 1] }
+    }
+
+    /// Adds to a total, or says that the limit is passed.
+    pub(super) fn take(&mut self, what: Quantity, amount: u64, place: &str) -> Result<(), Error> {
+        let taken = &mut self.taken[what as usize];
+        *taken = taken.saturating_add(amount);
+        let (most, limit, unit) = what.limit(self.limits);
+        if *taken > most {
+            let place = place.to_owned();
+            return Err(Error::Limit { place, what: unit, limit, found: *taken, most });
+        }
+        Ok(())
+    }
+}
+
+/// Notices for the user. The number is bounded: a hostile file could cause one per node.
+#[derive(Debug, Default)]
+pub(super) struct Notices {
+    kept: Vec<String>,
+    more: usize,
+}
+
+/// More than this many notices help nobody.
+const MOST_NOTICES: usize = 64;
+
+impl Notices {
+    pub(super) fn add(&mut self, notice: impl Into<String>) {
+        if self.kept.len() < MOST_NOTICES {
+            self.kept.push(notice.into());
+        } else {
+            self.more += 1;
+        }
+    }
+
+    pub(super) fn finish(mut self) -> Vec<String> {
+        if self.more > 0 {
+            self.kept.push(format!("{} more notices of this kind", self.more));
+        }
+        self.kept
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A total may reach its limit and not pass it, and cannot wrap around.
+    #[test]
+    fn totals_stop_at_the_limit() {
+        let limits = Limits { vertices: 10, ..Limits::default() };
+        let mut budget = Budget::new(&limits);
+        budget.take(Quantity::Vertices, 10, "here").unwrap();
+        let refusal = budget.take(Quantity::Vertices, u64::MAX, "there").unwrap_err().to_string();
+        assert!(refusal.contains("`vertices` is 10"), "{refusal}");
+        assert!(budget.take(Quantity::Vertices, 1, "there").is_err());
+    }
+
+    /// Notices beyond the bound are counted, not kept.
+    #[test]
+    fn notices_are_bounded() {
+        let mut notices = Notices::default();
+        (0..1000).for_each(|i| notices.add(i.to_string()));
+        let kept = notices.finish();
+        assert_eq!(kept.len(), MOST_NOTICES + 1);
+        assert!(kept[MOST_NOTICES].starts_with("936 more"));
+    }
+}

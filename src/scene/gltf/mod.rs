@@ -1,0 +1,73 @@
+//! glTF 2.0 and GLB.
+//!
+//! The `gltf` crate parses the JSON; everything behind it (references, buffers, accessors,
+//! topology, skins, clips) is read and checked here.
+
+mod accessor;
+mod buffer;
+mod clip;
+mod container;
+mod extension;
+mod mesh;
+mod morph;
+mod node;
+mod reference;
+mod skin;
+mod topology;
+
+#[cfg(test)]
+mod tests;
+
+use gltf::json::Root;
+
+pub(super) use container::Document;
+
+use super::budget::{Budget, Notices};
+use super::{Clip, Error};
+use crate::rig::{Mesh, Skeleton};
+use accessor::Usage;
+use buffer::Buffers;
+
+pub(super) use buffer::Sources;
+
+/// A document with everything that reading it needs.
+struct File<'a, 'l> {
+    root: &'a Root,
+    buffers: &'a Buffers<'a>,
+    /// Which accessors were read.
+    usage: Usage,
+    budget: &'a mut Budget<'l>,
+    notices: &'a mut Notices,
+}
+
+/// The names of the external buffers that the document's views need, each once.
+pub(super) fn external(document: &Document, budget: &mut Budget) -> Result<Vec<String>, Error> {
+    buffer::external(&document.root, budget)
+}
+
+/// Builds what the chosen scene of the document shows.
+pub(super) fn build(
+    document: &Document,
+    sources: &Sources,
+    budget: &mut Budget,
+    notices: &mut Notices,
+) -> Result<(Skeleton, Mesh, Vec<Clip>), Error> {
+    let root = &document.root;
+    extension::check(root, notices)?;
+    reference::check(root)?;
+    let buffers = Buffers::load(document, sources, budget)?;
+    let usage = Usage::none(root.accessors.len());
+    let mut file = File { root, buffers: &buffers, usage, budget, notices };
+    let graph = node::read(&mut file)?;
+    let built = mesh::read(&mut file, &graph)?;
+    let clips = clip::read(&mut file, &graph, &built.slots)?;
+    if built.mesh.triangles.is_empty() {
+        mesh::hidden_fault(&mut file)?;
+        let unread = file.unread_accessor_faults().into_iter().next();
+        return Err(unread.unwrap_or(Error::NoTriangles { place: graph.scene }));
+    }
+    for fault in file.unread_accessor_faults() {
+        notices.add(format!("not needed, but broken: {fault}"));
+    }
+    Ok((graph.skeleton, built.mesh, clips))
+}
