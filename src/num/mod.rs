@@ -4,3 +4,4 @@ pub mod cpu;
 pub mod kernels;
 pub mod panels;
 pub mod random;
+pub mod stats;
