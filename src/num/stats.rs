@@ -106,7 +106,8 @@ const FIRST_KEY: u64 = ((1023 + SMALLEST) as u64) << MANTISSA_BITS;
 ///
 /// Bins grow with the magnitude, 256 to the octave between 2⁻⁴⁰ and 2²⁴, so a quantile is exact
 /// to 0.4 % of itself. Smaller magnitudes count as zero, larger ones fall into the outermost bins;
-/// minimum and maximum are exact. Order of adding does not matter, to the bit.
+/// minimum and maximum are exact. Order of adding does not
+/// matter to quantiles, to the bit.
 #[derive(Debug, Clone)]
 pub struct Distribution {
     negative: Vec<u64>,
@@ -115,6 +116,8 @@ pub struct Distribution {
     count: u64,
     minimum: f64,
     maximum: f64,
+    sum: Sum,
+    squares: Sum,
 }
 
 impl Default for Distribution {
@@ -126,6 +129,8 @@ impl Default for Distribution {
             count: 0,
             minimum: f64::INFINITY,
             maximum: f64::NEG_INFINITY,
+            sum: Sum::default(),
+            squares: Sum::default(),
         }
     }
 }
@@ -156,6 +161,8 @@ impl Distribution {
         self.count += 1;
         self.minimum = self.minimum.min(x);
         self.maximum = self.maximum.max(x);
+        self.sum.add(x);
+        self.squares.add(x * x);
     }
 
     /// How many numbers were added.
@@ -168,6 +175,19 @@ impl Distribution {
     #[must_use]
     pub fn range(&self) -> Option<(f64, f64)> {
         (self.count > 0).then_some((self.minimum, self.maximum))
+    }
+
+    /// The mean; `None` of nothing.
+    #[must_use]
+    pub fn mean(&self) -> Option<f64> {
+        (self.count > 0).then(|| self.sum.value() / self.count as f64)
+    }
+
+    /// The variance (divided by n), from compensated sums; `None` of nothing.
+    #[must_use]
+    pub fn variance(&self) -> Option<f64> {
+        let mean = self.mean()?;
+        Some((self.squares.value() / self.count as f64 - mean * mean).max(0.0))
     }
 
     /// The x below which `fraction` of the numbers lie; `None` of nothing.
