@@ -61,6 +61,17 @@ impl Split {
     }
 }
 
+impl From<crate::pose::Split> for Split {
+    fn from(split: crate::pose::Split) -> Self {
+        match split {
+            crate::pose::Split::Training => Self::Training,
+            crate::pose::Split::Novel => Self::Novel,
+            crate::pose::Split::Interpolated => Self::Interpolated,
+            crate::pose::Split::WithinClip => Self::WithinClip,
+        }
+    }
+}
+
 /// What a candidate is in the comparison. Wire name in kebab case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

@@ -5,31 +5,13 @@ use std::f64::consts::PI;
 use glam::Vec3;
 
 use super::*;
+use crate::num::random::Stream;
 use crate::rig::Part;
 use crate::sh::Order;
 
-/// A generator of the tests' own, so that they stand on nothing else: uniform by SplitMix64,
-/// normal by Box and Muller.
-struct Noise(u64);
-
-impl Noise {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn normal(&mut self) -> f64 {
-        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
-        radius * (2.0 * PI * self.uniform()).cos()
-    }
-
-    /// `numbers` plus normal noise of the given deviation.
-    fn over(&mut self, numbers: &[f32], deviation: f64) -> Vec<f32> {
-        numbers.iter().map(|&x| (f64::from(x) + deviation * self.normal()) as f32).collect()
-    }
+/// `numbers` plus normal noise of the given deviation.
+fn noisy(stream: &mut Stream, numbers: &[f32], deviation: f64) -> Vec<f32> {
+    numbers.iter().map(|&x| (f64::from(x) + deviation * stream.normal()) as f32).collect()
 }
 
 fn candidate(name: &str, kind: Kind) -> Candidate {
@@ -91,14 +73,14 @@ fn only(measured: &Measured) -> &CandidateMeasured {
 /// square against the average reference is wrong by the noise's 2e-4.
 #[test]
 fn cross_form_is_unbiased_where_the_naive_form_is_not() {
-    let mut noise = Noise(11);
+    let mut noise = Stream::new(11);
     let mut measurement = Measurement::new(settings(Signal::Transfer, 4, 50)).unwrap();
     let (mut naive, mut count) = (0.0, 0.0);
     for pose in 0..200 {
         let truth: Vec<f32> = (0..800).map(|i| 0.3 * (i as f32 + pose as f32).sin()).collect();
         let biased: Vec<f32> = truth.iter().map(|x| x + 0.002).collect();
-        let model = noise.over(&biased, 0.005);
-        let (r1, r2) = (noise.over(&truth, 0.02), noise.over(&truth, 0.02));
+        let model = noisy(&mut noise, &biased, 0.005);
+        let (r1, r2) = (noisy(&mut noise, &truth, 0.02), noisy(&mut noise, &truth, 0.02));
         for i in 0..800 {
             naive += f64::from(model[i] - (r1[i] + r2[i]) / 2.0).powi(2);
             count += 1.0;
@@ -246,12 +228,12 @@ fn the_worst_is_named() {
 /// and the mean absolute error is exact.
 #[test]
 fn percentile_agrees_with_sorting() {
-    let mut noise = Noise(5);
+    let mut noise = Stream::new(5);
     let mut measurement = Measurement::new(settings(Signal::Ao, 1, 400)).unwrap();
     let mut errors = Vec::new();
     for pose in 0..30 {
         let truth = vec![0.5f32; 400];
-        let model = noise.over(&truth, 0.03);
+        let model = noisy(&mut noise, &truth, 0.03);
         errors.extend(model.iter().map(|m| f64::from((m - 0.5).abs())));
         let (references, split) = ([&truth[..], &truth[..]], Split::Interpolated);
         feed(&mut measurement, &Shot { pose, clip: "c", split, references, candidates: &[&model] });
@@ -273,17 +255,17 @@ fn percentile_agrees_with_sorting() {
 /// difference; the baseline stands beside with its own, larger error.
 #[test]
 fn precision_and_baseline_stand_beside_the_model() {
-    let mut noise = Noise(3);
+    let mut noise = Stream::new(3);
     let mut settings = settings(Signal::Ao, 1, 200);
     settings.candidates.push(candidate("model i8", Kind::Precision));
     settings.candidates.push(candidate("mean", Kind::Baseline));
     let mut measurement = Measurement::new(settings).unwrap();
     for pose in 0..10 {
         let truth: Vec<f32> = (0..200).map(|i| ((i + pose * 7) as f32).sin()).collect();
-        let model = noise.over(&truth, 0.01);
+        let model = noisy(&mut noise, &truth, 0.01);
         let coarse: Vec<f32> = model.iter().map(|x| x + 0.001).collect();
         let mean = vec![0.0; 200];
-        let (r1, r2) = (noise.over(&truth, 0.002), noise.over(&truth, 0.002));
+        let (r1, r2) = (noisy(&mut noise, &truth, 0.002), noisy(&mut noise, &truth, 0.002));
         let (references, split) = ([&r1[..], &r2[..]], Split::Novel);
         let candidates = [&model[..], &coarse, &mean];
         feed(
@@ -379,14 +361,14 @@ fn figures_do_not_depend_on_threads() {
     let document = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let mut noise = Noise(9);
+            let mut noise = Stream::new(9);
             let mut settings = settings(Signal::Transfer, 3, 600);
             settings.channels = 3;
             let mut measurement = Measurement::new(settings).unwrap();
             for pose in 0..4 {
-                let truth = noise.over(&vec![0.2; 600 * 27], 0.1);
-                let model = noise.over(&truth, 0.02);
-                let (r1, r2) = (noise.over(&truth, 0.01), noise.over(&truth, 0.01));
+                let truth = noisy(&mut noise, &vec![0.2; 600 * 27], 0.1);
+                let model = noisy(&mut noise, &truth, 0.02);
+                let (r1, r2) = (noisy(&mut noise, &truth, 0.01), noisy(&mut noise, &truth, 0.01));
                 let (references, split) = ([&r1[..], &r2[..]], Split::Novel);
                 let candidates = [&model[..]];
                 feed(

@@ -265,16 +265,7 @@ fn up_to(counts: &[u64], bin: usize, x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// A small generator of the tests' own, so that they stand on nothing else.
-    fn uniforms(n: usize, mut state: u64) -> Vec<f64> {
-        (0..n)
-            .map(|_| {
-                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-                (state >> 11) as f64 / (1u64 << 53) as f64
-            })
-            .collect()
-    }
+    use crate::num::random::Stream;
 
     /// Numbers that cancel keep their small remainder, which a plain sum loses.
     #[test]
@@ -312,10 +303,12 @@ mod tests {
     /// magnitudes over seven decades and both signs.
     #[test]
     fn distribution_quantiles_are_near_exact_ones() {
-        let u = uniforms(40_000, 7);
-        let mut exact: Vec<f64> = u
-            .chunks(2)
-            .map(|u| (if u[0] < 0.4 { -1.0 } else { 1.0 }) * 10f64.powf(-7.0 * u[1]))
+        let mut stream = Stream::new(7);
+        let mut exact: Vec<f64> = (0..20_000)
+            .map(|_| {
+                let sign = if stream.uniform() < 0.4 { -1.0 } else { 1.0 };
+                sign * 10f64.powf(-7.0 * stream.uniform())
+            })
             .collect();
         let mut binned = Distribution::default();
         exact.iter().for_each(|&x| binned.add(x));
