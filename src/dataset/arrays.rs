@@ -102,6 +102,11 @@ impl Array {
         name
     }
 
+    /// Where the chunk of that index lies.
+    pub(super) fn chunk_path(&self, root: &Path, index: &[usize]) -> PathBuf {
+        self.folder(root).join(self.chunk_name(index))
+    }
+
     /// The `zarr.json` of this array.
     fn metadata(&self) -> Value {
         let sizes: Vec<usize> = self.dimensions.iter().map(|&(_, size)| size).collect();
@@ -138,13 +143,21 @@ impl Array {
         files::replace(&folder, "zarr.json", &Content::of(json::text(&self.metadata())))
     }
 
-    /// Whether the `zarr.json` on disk says what the layout demands, field by field.
+    /// Whether the `zarr.json` on disk says what the layout demands, field by field. A user may
+    /// have added attributes.
     pub(super) fn check(&self, root: &Path) -> Result<(), Error> {
         let path = self.folder(root).join("zarr.json");
         let found = json::object(&path, json::ARRAY_BYTES)?;
         let Value::Object(expected) = self.metadata() else { unreachable!("metadata is a map") };
-        for (field, expected) in &expected {
+        for (field, expected) in expected.iter().filter(|(field, _)| *field != "attributes") {
             json::expect(&path, &found, field, expected)?;
+        }
+        if self.attributes.is_empty() {
+            return Ok(());
+        }
+        let attributes: Map<String, Value> = json::field(&path, &found, "attributes", "an object")?;
+        for (field, expected) in &self.attributes {
+            json::expect(&path, &attributes, field, expected)?;
         }
         Ok(())
     }

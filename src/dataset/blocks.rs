@@ -13,14 +13,14 @@ pub(super) fn committed(root: &Path, layout: &Layout) -> Result<Vec<bool>, Error
     let [coefficients, noise, rays] = arrays::blocks(layout);
     let mut committed = Vec::with_capacity(layout.blocks());
     for block in 0..layout.blocks() {
-        let path = files::chunk_path(root, &coefficients, &[block]);
+        let path = coefficients.chunk_path(root, &[block]);
         let there = files::check_size(&path, coefficients.chunk_bytes())?.is_some();
         committed.push(there);
         if !there {
             continue;
         }
         for array in [&noise, &rays] {
-            let chunk = files::chunk_path(root, array, &[block]);
+            let chunk = array.chunk_path(root, &[block]);
             if files::check_size(&chunk, array.chunk_bytes())?.is_none() {
                 return Err(Error::ChunkMissing { path: chunk, remedy: path });
             }
@@ -100,7 +100,7 @@ impl Rows<'_> {
         out: &mut [f32],
     ) -> Result<(), Error> {
         let in_block = self.layout.poses_of(block);
-        let path = files::chunk_path(self.root, self.array, &[block]);
+        let path = self.array.chunk_path(self.root, &[block]);
         let file = File::open(&path).map_err(|source| match source.kind() {
             io::ErrorKind::NotFound => {
                 let root = self.root.to_path_buf();

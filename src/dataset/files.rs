@@ -6,7 +6,7 @@
 use std::borrow::Cow;
 use std::fs::{self, File, TryLockError};
 use std::io::{self, Read, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use super::Error;
 
@@ -210,40 +210,4 @@ fn stopped() -> bool {
 }
 
 #[cfg(test)]
-use interruption::{step, stopped};
-
-/// Lets a test stop a writer between any two system calls, as a kill would.
-#[cfg(test)]
-pub(super) mod interruption {
-    use std::cell::Cell;
-    use std::io;
-
-    thread_local! {
-        static LEFT: Cell<Option<u32>> = const { Cell::new(None) };
-    }
-
-    /// From now on this thread can make `steps` changes, and none after that.
-    pub(in crate::dataset) fn after(steps: Option<u32>) {
-        LEFT.set(steps);
-    }
-
-    pub(super) fn stopped() -> bool {
-        LEFT.get() == Some(0)
-    }
-
-    pub(super) fn step() -> io::Result<()> {
-        match LEFT.get() {
-            None => Ok(()),
-            Some(0) => Err(io::Error::other("stopped by the test")),
-            Some(left) => {
-                LEFT.set(Some(left - 1));
-                Ok(())
-            }
-        }
-    }
-}
-
-/// Where a chunk of an array lies.
-pub(super) fn chunk_path(root: &Path, array: &super::arrays::Array, index: &[usize]) -> PathBuf {
-    array.folder(root).join(array.chunk_name(index))
-}
+use super::tests::interruption::{step, stopped};

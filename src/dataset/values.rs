@@ -58,7 +58,7 @@ pub(super) fn read_table<T: Pod + Zeroable>(root: &Path, array: &Array) -> Resul
     let mut values = Vec::new();
     if let Some(file) = open_table(root, array)? {
         values.resize(array.chunk_values() as usize, T::zeroed());
-        read_at(&file, &files::chunk_path(root, array, &[]), 0, &mut values)?;
+        read_at(&file, &array.chunk_path(root, &[]), 0, &mut values)?;
     }
     Ok(values)
 }
@@ -67,7 +67,7 @@ pub(super) fn read_table<T: Pod + Zeroable>(root: &Path, array: &Array) -> Resul
 pub(super) fn read_bytes(root: &Path, array: &Array) -> Result<Vec<u8>, Error> {
     let Some(file) = open_table(root, array)? else { return Ok(Vec::new()) };
     let mut bytes = vec![0; array.chunk_bytes() as usize];
-    let path = files::chunk_path(root, array, &[]);
+    let path = array.chunk_path(root, &[]);
     file.read_exact_at(&mut bytes, 0).map_err(Error::io("read", path))?;
     Ok(bytes)
 }
@@ -78,7 +78,7 @@ fn open_table(root: &Path, array: &Array) -> Result<Option<File>, Error> {
         return Ok(None);
     }
     check_table(root, array)?;
-    let path = files::chunk_path(root, array, &[]);
+    let path = array.chunk_path(root, &[]);
     File::open(&path).map(Some).map_err(Error::io("read", path))
 }
 
@@ -87,7 +87,7 @@ pub(super) fn check_table(root: &Path, array: &Array) -> Result<(), Error> {
     if array.chunks() == 0 {
         return Ok(());
     }
-    let path = files::chunk_path(root, array, &[]);
+    let path = array.chunk_path(root, &[]);
     match files::check_size(&path, array.chunk_bytes())? {
         Some(()) => Ok(()),
         None => Err(Error::ChunkMissing { path, remedy: root.to_path_buf() }),

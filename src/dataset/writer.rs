@@ -98,7 +98,7 @@ impl Writer {
             assert_eq!(pose.rays.len(), points, "rays");
         }
         let [coefficients, noise, rays] = arrays::blocks(&self.layout);
-        let path = |array: &Array| files::chunk_path(&self.root, array, &[block]);
+        let path = |array: &Array| array.chunk_path(&self.root, &[block]);
         for (pose, data) in range.zip(poses) {
             let row = self.layout.row();
             blocks::check_finite("coefficients", pose, 0, row, data.coefficients, || {
@@ -214,7 +214,7 @@ fn compare_table(root: &Path, array: &Array, bytes: &[u8]) -> Result<(), Error> 
     if array.chunks() == 0 {
         return Ok(());
     }
-    let path = files::chunk_path(root, array, &[]);
+    let path = array.chunk_path(root, &[]);
     if fs::read(&path).map_err(Error::io("read", &path))? != bytes {
         let what = format!("array `{}`", array.name);
         return Err(Error::OtherContent { path: root.to_path_buf(), what });

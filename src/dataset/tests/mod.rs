@@ -2,6 +2,8 @@
 
 mod damage;
 mod extremes;
+pub(super) mod interruption;
+mod reference;
 mod restart;
 mod roundtrip;
 

@@ -1,7 +1,6 @@
 //! A writer may be killed anywhere; the next one finishes the same bytes.
 
 use super::*;
-use crate::dataset::files::interruption;
 
 /// Stops a bake after every single change it makes to the disk (create, half a write, flush,
 /// rename, remove), continues it, and compares with an undisturbed bake. After the stop, no reader
