@@ -11,6 +11,7 @@
 
 mod budget;
 mod error;
+pub mod figure;
 mod gltf;
 mod limits;
 mod normals;
