@@ -1,20 +1,22 @@
 #!/usr/bin/env python3
-"""An independent glTF deformer: reads a GLB and prints deformed vertices, all in float64.
+"""An independent glTF deformer: reads a file and prints deformed vertices, all in float64.
 
 Shares no code with the crate and needs nothing but Python 3. It follows the glTF 2.0 text
 literally: samplers (appendix C), local and global transforms, morph targets before skinning,
 linear blend skinning with the node transform of a skinned mesh ignored, and normals by the
 inverse transpose of the blended matrix.
 
-    skinning_oracle.py FILE.glb CLIP TIME...
+    skinning_oracle.py FILE CLIP TIME...
 
 CLIP is the animation's index, or "rest". Prints one JSON object: "poses" has one entry per TIME
 with "positions" and "normals", lists of [x, y, z] in the scene's space, in the order node,
 primitive, vertex.
 """
 
+import base64
 import json
 import math
+import os
 import struct
 import sys
 
@@ -25,23 +27,36 @@ COMPONENTS = {
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
-class Glb:
-    """The JSON of a GLB and its binary chunk."""
+class File:
+    """The JSON of a .glb or .gltf and the bytes of its buffers."""
 
     def __init__(self, path):
         with open(path, "rb") as file:
             data = file.read()
-        magic, _, total = struct.unpack_from("<4sII", data, 0)
-        assert magic == b"glTF"
-        at, self.binary = 12, b""
-        while at < total:
-            size, kind = struct.unpack_from("<I4s", data, at)
-            chunk = data[at + 8:at + 8 + size]
-            if kind == b"JSON":
-                self.json = json.loads(chunk)
-            elif kind == b"BIN\0":
-                self.binary = chunk
-            at += 8 + size
+        binary = b""
+        if data[:4] == b"glTF":
+            at, total = 12, struct.unpack_from("<I", data, 8)[0]
+            while at < total:
+                size, kind = struct.unpack_from("<I4s", data, at)
+                chunk = data[at + 8:at + 8 + size]
+                if kind == b"JSON":
+                    self.json = json.loads(chunk)
+                elif kind == b"BIN\0":
+                    binary = chunk
+                at += 8 + size
+        else:
+            self.json = json.loads(data)
+        self.buffers = [
+            self.external(path, buffer["uri"]) if "uri" in buffer else binary
+            for buffer in self.list("buffers")
+        ]
+
+    @staticmethod
+    def external(path, uri):
+        if uri.startswith("data:"):
+            return base64.b64decode(uri.split(",", 1)[1])
+        with open(os.path.join(os.path.dirname(path), uri), "rb") as file:
+            return file.read()
 
     def list(self, name):
         return self.json.get(name, [])
@@ -52,7 +67,8 @@ class Glb:
         start = view.get("byteOffset", 0) + offset
         stride = view.get("byteStride", width * size)
         unpack = struct.Struct("<%d%s" % (width, code)).unpack_from
-        return [unpack(self.binary, start + i * stride) for i in range(count)]
+        buffer = self.buffers[view["buffer"]]
+        return [unpack(buffer, start + i * stride) for i in range(count)]
 
     def accessor(self, index, floats=True):
         accessor = self.json["accessors"][index]
@@ -152,40 +168,40 @@ def sample(times, values, width, mode, rotation, time):
 class Character:
     """What does not depend on time, decoded once."""
 
-    def __init__(self, glb):
-        self.glb = glb
-        self.nodes = glb.list("nodes")
+    def __init__(self, file):
+        self.file = file
+        self.nodes = file.list("nodes")
         self.parents = {}
         for index, node in enumerate(self.nodes):
             for child in node.get("children", []):
                 self.parents[child] = index
-        scene = glb.list("scenes")[glb.json.get("scene", 0)]
+        scene = file.list("scenes")[file.json.get("scene", 0)]
         self.shown, todo = set(), list(scene["nodes"])
         while todo:
             node = todo.pop()
             self.shown.add(node)
             todo += self.nodes[node].get("children", [])
         self.skins = [
-            (skin["joints"], [from_columns(m) for m in glb.accessor(skin["inverseBindMatrices"])]
+            (skin["joints"], [from_columns(m) for m in file.accessor(skin["inverseBindMatrices"])]
              if "inverseBindMatrices" in skin else None)
-            for skin in glb.list("skins")
+            for skin in file.list("skins")
         ]
         self.primitives = {
             index: [self.primitive(p) for p in mesh["primitives"]]
-            for index, mesh in enumerate(glb.list("meshes"))
+            for index, mesh in enumerate(file.list("meshes"))
         }
 
     def primitive(self, primitive):
         names = primitive["attributes"]
         influences = None
         if "JOINTS_0" in names:
-            count = len(self.glb.accessor(names["JOINTS_0"]))
+            count = len(self.file.accessor(names["JOINTS_0"]))
             influences = [[] for _ in range(count)]
             for group in range(8):
                 if "JOINTS_%d" % group not in names:
                     break
-                joints = self.glb.accessor(names["JOINTS_%d" % group], floats=False)
-                weights = self.glb.accessor(names["WEIGHTS_%d" % group])
+                joints = self.file.accessor(names["JOINTS_%d" % group], floats=False)
+                weights = self.file.accessor(names["WEIGHTS_%d" % group])
                 for v in range(count):
                     influences[v] += [(j, w) for j, w in zip(joints[v], weights[v]) if w > 0]
             for v, pairs in enumerate(influences):
@@ -194,12 +210,12 @@ class Character:
         targets = []
         for target in primitive.get("targets", []):
             targets.append({
-                name: {v: d for v, d in enumerate(self.glb.accessor(target[name])) if any(d)}
+                name: {v: d for v, d in enumerate(self.file.accessor(target[name])) if any(d)}
                 for name in ("POSITION", "NORMAL") if name in target
             })
         return {
-            "POSITION": self.glb.accessor(names["POSITION"]),
-            "NORMAL": self.glb.accessor(names["NORMAL"]) if "NORMAL" in names else None,
+            "POSITION": self.file.accessor(names["POSITION"]),
+            "NORMAL": self.file.accessor(names["NORMAL"]) if "NORMAL" in names else None,
             "influences": influences,
             "targets": targets,
         }
@@ -209,13 +225,13 @@ class Character:
         values = {}
         if clip is None:
             return values
-        animation = self.glb.list("animations")[clip]
+        animation = self.file.list("animations")[clip]
         for channel in animation["channels"]:
             sampler, target = animation["samplers"][channel["sampler"]], channel["target"]
             if "node" not in target:
                 continue
-            times = [row[0] for row in self.glb.accessor(sampler["input"])]
-            flat = [x for row in self.glb.accessor(sampler["output"]) for x in row]
+            times = [row[0] for row in self.file.accessor(sampler["input"])]
+            flat = [x for row in self.file.accessor(sampler["output"]) for x in row]
             mode = sampler.get("interpolation", "LINEAR")
             width = len(flat) // len(times) // (3 if mode == "CUBICSPLINE" else 1)
             path = target["path"]
@@ -251,7 +267,7 @@ class Character:
         for index, node in enumerate(self.nodes):
             if "mesh" not in node or index not in self.shown:
                 continue
-            mesh = self.glb.list("meshes")[node["mesh"]]
+            mesh = self.file.list("meshes")[node["mesh"]]
             primitives = self.primitives[node["mesh"]]
             count = max((len(p["targets"]) for p in primitives), default=0)
             weights = values.get((index, "weights"),
@@ -303,7 +319,7 @@ def transform_normal(m, n):
 
 def main():
     path, clip, times = sys.argv[1], sys.argv[2], [float(t) for t in sys.argv[3:]]
-    character = Character(Glb(path))
+    character = Character(File(path))
     clip = None if clip == "rest" else int(clip)
     json.dump({"poses": [character.pose(clip, time) for time in times]}, sys.stdout)
 
