@@ -1,6 +1,8 @@
 //! Rank 0. Numbers: random streams, direction sets, statistics, linear algebra, CPU kernels.
 
 pub mod cpu;
+#[cfg(feature = "bake")]
+pub mod directions;
 pub mod kernels;
 pub mod panels;
 pub mod random;
