@@ -4,6 +4,8 @@ pub mod cpu;
 #[cfg(feature = "bake")]
 pub mod directions;
 pub mod kernels;
+#[cfg(feature = "bake")]
+pub mod linalg;
 pub mod panels;
 pub mod random;
 pub mod stats;
