@@ -17,7 +17,7 @@ use faer::linalg::qr::no_pivoting::factor::{
     qr_in_place, qr_in_place_scratch, recommended_block_size,
 };
 use faer::linalg::svd::{ComputeSvdVectors, svd, svd_scratch};
-use faer::prelude::{Reborrow, ReborrowMut};
+pub use faer::prelude::{Reborrow, ReborrowMut};
 use faer::traits::ComplexField;
 use faer::{Accum, Conj, Par};
 pub use faer::{Mat, MatMut, MatRef};
@@ -173,6 +173,17 @@ pub fn thin_qr(a: MatRef<'_, f64>) -> (Mat<f64>, Mat<f64>) {
     );
     let r = Mat::from_fn(k, columns, |i, j| if i <= j { factor[(i, j)] } else { 0.0 });
     (q, r)
+}
+
+/// a·b.
+///
+/// # Panics
+/// If the shapes do not agree.
+#[must_use]
+pub fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
+    let mut out = Mat::zeros(a.nrows(), b.ncols());
+    multiply(out.as_mut(), a, b);
+    out
 }
 
 /// `out` = a·b.
