@@ -67,7 +67,7 @@ mod tests {
     #[test]
     fn sums_agree_with_a_plain_loop() {
         let mut stream = Stream::new(2);
-        for (rows, width) in [(1, 8), (70, 40), (500, 104)] {
+        for (rows, width) in [(1_usize, 8_usize), (70, 40), (500, 104)] {
             let mut table = Rows::new(width);
             let mut plain = vec![0.0f64; width];
             let bits: Vec<u64> = (0..rows.div_ceil(64))
