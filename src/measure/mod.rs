@@ -18,7 +18,6 @@ mod lights;
 mod measured;
 mod measurement;
 mod probes;
-pub mod report;
 mod rows;
 mod tally;
 #[cfg(test)]
