@@ -9,6 +9,10 @@ CARGO ?= cargo
 VENV := .venv
 BIN = $(or $(CARGO_TARGET_DIR),target)/release/poselight
 FUZZ_RUNS ?= 10000000
+# Where the demo goes and what it adds; a test runs it small with a binary that is already built.
+DEMO ?= demo
+DEMO_FLAGS ?= --rays 128
+BUILT ?= build
 
 .PHONY: demo test bench fuzz setup build assets-table
 
@@ -18,10 +22,10 @@ setup:
 build: setup
 	$(CARGO) build --release --locked
 
-demo: build
-	$(BIN) sample figure -o demo/figure.glb
-	$(BIN) run demo/figure.glb -o demo/run --hold-out jump --rays 128
-	@echo "Look at demo/run/report.html"
+demo: $(BUILT)
+	$(BIN) sample figure -o $(DEMO)/figure.glb
+	$(BIN) run $(DEMO)/figure.glb -o $(DEMO)/run --hold-out jump $(DEMO_FLAGS)
+	@echo "Look at $(DEMO)/run/report.html"
 
 test: setup $(VENV)/ready
 	$(CARGO) fmt --check

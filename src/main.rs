@@ -1,3 +1,7 @@
 //! The `poselight` command.
 
-fn main() {}
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    poselight::cli::main()
+}

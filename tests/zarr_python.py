@@ -1,7 +1,9 @@
 """Opens the data sets that tests/zarr_python.rs wrote, by zarr-python, by numpy.memmap and, where
 it is installed, by xarray, and compares every value with the formula that it was made by."""
 
+import os
 import pathlib
+import re
 import sys
 import warnings
 
@@ -133,11 +135,23 @@ def by_xarray(folder):
     equal(reference["coefficients"].sel(pose=POSES - 1).isel(seed=1, point=0)[0], [11] * 4, "sel")
 
 
+def example_of_the_documentation(folder):
+    """Runs the Python block of proto/dataset.md as it stands."""
+    text = (pathlib.Path(__file__).parent.parent / "proto/dataset.md").read_text()
+    (code,) = re.findall(r"```python\n(.*?)```", text, re.S)
+    os.chdir(folder)
+    names = {}
+    exec(code, names)
+    assert names["at_vertices"].shape == (VERTICES, 1, COEFFICIENTS)
+    assert len(names["training"]) == 33
+
+
 def main(folder):
     by_zarr(folder / "moving")
     by_zarr_reference(folder / "moving")
     by_memmap(folder / "moving")
     by_xarray(folder / "moving")
+    example_of_the_documentation(folder)
     still = zarr.open_group(folder / "still", mode="r", zarr_format=3)
     assert still["parameters"].shape == (1, 0) and still["parameters"][:].size == 0
     equal(still["coefficients"][:].shape, (1, POINTS, 1, COEFFICIENTS), "still")

@@ -143,6 +143,8 @@ fn zarr_python_and_memmap_open_it() {
     let still = Layout { poses: 1, parameters: 0, ..layout };
     write(&folder.path().join("moving"), layout).unwrap();
     write(&folder.path().join("still"), still).unwrap();
+    // The one that proto/dataset.md's example opens.
+    write(&folder.path().join("figure.zarr"), Layout { poses: 130, ..layout }).unwrap();
     let unfinished = folder.path().join("unfinished");
     drop(Writer::open(&unfinished, &header(layout), &statics(&layout)).unwrap());
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/zarr_python.py");

@@ -1,1 +1,101 @@
-//! Rank 8. Rays to signals at the points.
+//! Rank 8. Rays to signals at the points of a posed mesh.
+//!
+//! A [`Baker`] is made once per mesh and settings and then turns posed meshes into coefficients.
+//! What happens at a point: a hash of (seed, point, clip, time) picks a set of directions and an
+//! azimuth; the set is turned about the normal and traced as one block; the rows of the set's
+//! table of spherical harmonics that belong to blocked rays are summed in the point's own frame,
+//! and the sum is rotated to the root frame once.
+//!
+//! *Invariant:* what a point gets depends on nothing but its pose, the settings and its own
+//! number: not on threads, chunks, waves or the other poses of a call.
+//! *Invariant:* only what is blocked is estimated; the unoccluded part is analytic. So a point
+//! that nothing blocks is exact, and its noise is 0.
+
+mod baker;
+mod error;
+mod kernel;
+mod plan;
+mod posed;
+mod sums;
+
+pub use baker::{Baker, Calibration};
+pub use error::Error;
+
+use glam::Vec3;
+
+use crate::sh::Order;
+
+/// The most rays per point that may be asked for.
+pub const MOST_RAYS: u32 = 1_000_000;
+
+/// What is baked. V(ω) is 1 where the ray escapes, n the shading normal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Signal {
+    /// (1/π) ∫ V (n·ω)₊ dω, one number from 0 to 1.
+    Ao,
+    /// vᵢ = ∫ V yᵢ dω, with V = 0 only where n·ω ≥ 0 and a ray is blocked; below the horizon V is
+    /// 1. An unoccluded point is exactly (√4π, 0, …). (Nowrouzezahrai et al. 2009, eq. 1.)
+    Visibility,
+    /// tᵢ = (1/π) ∫ V (n·ω)₊ yᵢ dω: albedo · (t · light) is the radiance that leaves a Lambertian
+    /// surface; t₀·2√π is the ambient occlusion. (Nowrouzezahrai et al. 2007, §3.)
+    Transfer,
+}
+
+impl Signal {
+    /// Numbers per point and channel: 1 for ambient occlusion, n² else.
+    #[must_use]
+    pub fn coefficients(self, order: Order) -> usize {
+        match self {
+            Self::Ao => 1,
+            Self::Visibility | Self::Transfer => order.coefficients(),
+        }
+    }
+}
+
+/// What to bake and how well.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// The signal.
+    pub signal: Signal,
+    /// Bands of spherical harmonics, 1 to 10; ignored by [`Signal::Ao`].
+    pub order: Order,
+    /// Rays per point, 1 to [`MOST_RAYS`]. Rounded up to an even number, and above 2,048 to equal
+    /// even blocks of at most that; [`BakedPose::rays`] says what was traced.
+    pub rays: u32,
+    /// Metres beyond which nothing blocks; `None`: no limit.
+    pub max_distance_m: Option<f32>,
+    /// Picks all random numbers.
+    pub seed: u64,
+}
+
+/// One pose of the mesh.
+#[derive(Debug, Clone, Copy)]
+pub struct PosedMesh<'a> {
+    /// Root frame, metres, one per vertex.
+    pub positions: &'a [Vec3],
+    /// Shading normals, one per vertex; they need not be unit. Where one is zero or not finite,
+    /// the normal of the adjoining triangles takes its place, and +Y where there is none.
+    pub normals: &'a [Vec3],
+    /// A hash of the clip's name.
+    pub clip_key: u64,
+    /// Time within the clip; its bits pick random numbers.
+    pub time_s: f32,
+}
+
+/// The signal of one pose at every point.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BakedPose {
+    /// [point, channel, coefficient], root frame, one channel.
+    pub coefficients: Vec<f32>,
+    /// [point] Standard error of the coefficients, pooled: the root mean square over the
+    /// coefficients of each one's standard error from the independent batches (two for each block
+    /// of at most 2,048 rays). With B batches each coefficient brings B − 1 degrees of freedom; the
+    /// coefficients of a point are correlated, so a single point's figure from two batches scatters
+    /// by tens of per cent and should be averaged (in squares) over neighbours or poses.
+    pub noise: Vec<f32>,
+    /// [point] Rays traced.
+    pub rays: Vec<u32>,
+}
+
+#[cfg(test)]
+mod tests;

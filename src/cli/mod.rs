@@ -1,1 +1,115 @@
 //! Rank 16. The command line: arguments to recipe, progress, output.
+//!
+//! Every command answers with one [`Answer`], printed as text or, with `--json`, as one JSON
+//! object on stdout; progress and messages go to stderr. Exit status: 0 done, 1 failed, 2 usage,
+//! 3 done but a stated target was not met, 130 stopped by a second Ctrl-C.
+
+mod args;
+mod commands;
+mod files;
+mod screen;
+mod units;
+
+use std::io::Write;
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::Context;
+use clap::Parser;
+
+use crate::pipeline::{self, RecipeError, Watch};
+use args::{Cli, Command};
+use screen::Screen;
+
+/// Set by the first Ctrl-C; every stage looks at it once per block of work.
+static STOP: AtomicBool = AtomicBool::new(false);
+
+/// What a command has to say.
+struct Answer {
+    /// For people.
+    text: String,
+    /// For programs.
+    json: serde_json::Value,
+    /// Whether every target that was stated is met.
+    met: bool,
+}
+
+impl Answer {
+    fn new(text: String, json: serde_json::Value) -> Self {
+        Self { text, json, met: true }
+    }
+}
+
+/// The command line's whole life, from the process's arguments to its exit status.
+#[must_use]
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let json = cli.json;
+    match start(cli) {
+        Ok(answer) => {
+            say(&if json { answer.json.to_string() } else { answer.text });
+            ExitCode::from(if answer.met { 0 } else { 3 })
+        }
+        Err(error) => {
+            let message = format!("{error:#}");
+            if json {
+                say(&serde_json::json!({ "error": message }).to_string());
+            }
+            let _ = writeln!(std::io::stderr(), "error: {message}");
+            ExitCode::from(status(&error))
+        }
+    }
+}
+
+/// A recipe that cannot run is a matter of usage, everything else is a failure.
+fn status(error: &anyhow::Error) -> u8 {
+    let usage = error.chain().any(|cause| {
+        cause.is::<RecipeError>()
+            || matches!(cause.downcast_ref(), Some(pipeline::Error::Recipe(_)))
+    });
+    if usage { 2 } else { 1 }
+}
+
+fn start(cli: Cli) -> anyhow::Result<Answer> {
+    listen();
+    let threads = usize::from(cli.threads.unwrap_or(0));
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build_global()
+        .context("could not start the compute threads")?;
+    let screen = Screen::default();
+    let watch = Watch { report: &|progress| screen.show(progress), cancelled: &STOP };
+    let answer = run(cli.command, &watch);
+    screen.release();
+    answer
+}
+
+fn run(command: Command, watch: &Watch) -> anyhow::Result<Answer> {
+    match command {
+        Command::Sample(args) => commands::sample(&args),
+        Command::Inspect(args) => commands::inspect(&args),
+        Command::Bake(args) => commands::bake(&args, watch),
+        Command::Fit(args) => commands::fit(&args, watch),
+        Command::Measure(args) => commands::measure(&args, watch),
+        Command::Evaluate(args) => commands::evaluate(&args),
+        Command::Run(args) => commands::run(&args, watch),
+        Command::Schema => commands::schema(),
+    }
+}
+
+/// The first Ctrl-C stops at the next block, the second at once.
+fn listen() {
+    let handler = || {
+        if STOP.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+        let _ = writeln!(std::io::stderr(), "\nstopping; press Ctrl-C again to stop at once");
+    };
+    // Without a handler Ctrl-C still ends the process, and what is committed stays sound.
+    let _ = ctrlc::set_handler(handler);
+}
+
+/// A reader that closed the pipe has heard enough.
+fn say(text: &str) {
+    let _ = writeln!(std::io::stdout(), "{text}");
+}

@@ -24,6 +24,12 @@ pub enum Error {
         /// The folder that was opened.
         path: PathBuf,
     },
+    /// A reference was asked for where no measurement has begun one.
+    #[error("{path} is not there: this data set has no reference bake to measure against yet", path = path.display())]
+    NoReference {
+        /// The `reference` folder.
+        path: PathBuf,
+    },
     /// A new data set would be mixed with files that are not ours.
     #[error("{path} already holds `{entry}`, which is no part of a data set; choose a new or empty folder", path = path.display())]
     Occupied {

@@ -44,7 +44,7 @@ const BOUNDS: [(&str, u64, u64); 9] = [
     ("block_poses", 1 << 16, 1),
 ];
 
-/// Bound of each array that readers keep in memory.
+/// Bound of each table and source file, which readers hold in memory.
 pub(super) const MAX_TABLE_BYTES: u64 = 4 << 30;
 
 impl Layout {

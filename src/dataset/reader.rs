@@ -8,15 +8,17 @@ use serde_json::{Map, Value};
 
 use super::arrays::{self, Array};
 use super::blocks::{self, Rows};
+use super::layout::MAX_TABLE_BYTES;
 use super::{
     Error, Header, PoseTable, RestMesh, Training, TrainingParts, files, json as fields, tables,
     values,
 };
+use crate::pose::Split;
 use crate::rig::RigidFrame;
 use crate::scene::Source;
 
 /// The value of array `split` for the poses that a fit may see.
-const TRAINING: u8 = 0;
+const TRAINING: u8 = Split::Training as u8;
 
 /// Bound of the number of source files, against a header that lies.
 const MAX_SOURCES: usize = 1 << 16;
@@ -259,6 +261,10 @@ fn source_arrays(root: &Path) -> Result<Vec<Array>, Error> {
     let array = |(index, file): (usize, &Map<String, Value>)| {
         let name: String = fields::field(&path, file, "name", "a text")?;
         let bytes: usize = fields::field(&path, file, "bytes", "a size")?;
+        if bytes as u64 > MAX_TABLE_BYTES {
+            let expected = format!("at most {MAX_TABLE_BYTES}");
+            return Err(fields::mismatch(&path, "bytes", &expected, file.get("bytes")));
+        }
         Ok(arrays::source(index, &name, bytes))
     };
     files.iter().enumerate().map(array).collect()

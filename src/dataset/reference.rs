@@ -121,13 +121,13 @@ impl Reference {
     /// Opens the reference of a data set for reading.
     ///
     /// # Errors
-    /// [`Error::NotADataset`] where there is none, [`Error::OtherRecipe`] where it belongs to
+    /// [`Error::NoReference`] where there is none, [`Error::OtherRecipe`] where it belongs to
     /// another bake; damage as [`Dataset::open`] names it.
     pub fn open(dataset: &Dataset) -> Result<Self, Error> {
         let root = dataset.path().join("reference");
         let metadata = root.join("zarr.json");
         if !root.is_dir() || files::size(&metadata)?.is_none() {
-            return Err(Error::NotADataset { path: root });
+            return Err(Error::NoReference { path: root });
         }
         let layout = dataset.header().layout;
         let header = read_header(&root, dataset)?;

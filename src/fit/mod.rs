@@ -1,1 +1,166 @@
-//! Rank 10. Model families fitted to a training set.
+//! Rank 10. Model families fitted to a training set (MATH.md §5).
+//!
+//! [`fit`] streams a [`Training`] set by blocks of points and gives the decoder of one family:
+//! the mean, a ridge on all pose parameters (`linear`), or a ridge between the principal
+//! components of poses and of outputs (`pca-linear`), with the regularisation α that predicts
+//! left-out poses or clips best.
+//!
+//! *Invariant:* a fit sees training poses only; [`Training`] holds no others.
+//! *Invariant:* the same data and settings give the same bytes for any number of threads: blocks
+//! depend on the sizes of the data alone and are combined in their order.
+
+mod design;
+mod error;
+mod folds;
+mod frame;
+mod leave_out;
+mod linear;
+mod mean;
+mod moments;
+mod output_basis;
+mod pca_linear;
+mod report;
+mod ridge;
+mod source;
+mod tall_qr;
+
+pub use error::Error;
+pub use report::FitReport;
+
+use crate::dataset::Training;
+use crate::model::{Decoder, Frame, TrainingSummary};
+use report::Clock;
+use source::Source;
+
+/// A model family and its sizes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Family {
+    /// The mean over the training poses.
+    Mean,
+    /// Ridge on all pose parameters.
+    Linear,
+    /// Ridge between principal components.
+    PcaLinear {
+        /// Pose dimensions, from 1 to the rank of the centred parameters.
+        inputs: usize,
+        /// Output dimensions, from 1 to the rank of the rows of all poses and coefficients.
+        outputs: usize,
+    },
+    /// As `PcaLinear`, with the fewest dimensions that retain enough.
+    PcaRetaining {
+        /// Share of the variance of the pose parameters, in (0, 1].
+        inputs: f64,
+        /// Share of the energy of the outputs, in (0, 1]. Energy rather than variance, because no
+        /// mean is stored apart from the basis.
+        outputs: f64,
+    },
+}
+
+/// How the regularisation α is chosen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Ridge {
+    /// Least error on poses left out one at a time.
+    LeaveOneOut,
+    /// Least error on clips left out one at a time, since neighbouring frames are nearly copies;
+    /// with a single clip, on its contiguous quarters.
+    LeaveOneClipOut,
+    /// This α, in the units of the parameters' singular values, at least 0.
+    Fixed(f64),
+}
+
+/// The motion that a model is meant for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum On {
+    /// Poses that are not in the training set: α as [`Ridge`] says.
+    Novel,
+    /// The training poses themselves: compression, no regularisation.
+    Trained,
+}
+
+/// What to fit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Family and sizes; P(8,22) by default.
+    pub family: Family,
+    /// The frame in which coefficients are modelled; each point's bone by default.
+    pub frame: Frame,
+    /// How α is chosen; by clips left out, by default.
+    pub ridge: Ridge,
+    /// What the model is for; novel motion by default.
+    pub on: On,
+    /// Seed of the randomised decomposition, 1 by default.
+    pub seed: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            family: Family::PcaLinear { inputs: 8, outputs: 22 },
+            frame: Frame::Bone,
+            ridge: Ridge::LeaveOneClipOut,
+            on: On::Novel,
+            seed: 1,
+        }
+    }
+}
+
+/// A fitted decoder and what is known about it.
+#[derive(Debug, Clone)]
+pub struct Fitted {
+    /// The numbers of the model.
+    pub decoder: Decoder,
+    /// The cloud of training poses, for the distance to it.
+    pub training: TrainingSummary,
+    /// How the fit went.
+    pub report: FitReport,
+}
+
+/// Fits one family to a training set.
+///
+/// Memory beyond the model: about 32 MiB per thread, and for `pca-linear`
+/// 12 bytes × poses × coefficients × (output dimensions + 16, at least 112).
+///
+/// # Errors
+/// Data that cannot be read or are not finite, sizes that the data do not have, an α that is no
+/// number; each with the evidence.
+pub fn fit(training: &Training<'_>, settings: &Settings) -> Result<Fitted, Error> {
+    check(settings)?;
+    let mut clock = Clock::start();
+    let source = Source::new(training, settings.frame)?;
+    let design =
+        design::Design::new(training.parameters(), training.parameter_names(), training.poses())?;
+    clock.lap("pose_svd_s");
+    let regression = ridge::Regression::new(&design, training.clips(), settings);
+    let fitted = match settings.family {
+        Family::Mean => mean::fit(&source, &design, &mut clock)?,
+        Family::Linear => linear::fit(&source, &regression, &mut clock)?,
+        Family::PcaLinear { inputs, outputs } => {
+            let sizes = pca_linear::Sizes::Exactly { inputs, outputs };
+            pca_linear::fit(&source, &regression, sizes, settings.seed, &mut clock)?
+        }
+        Family::PcaRetaining { inputs, outputs } => {
+            let sizes = pca_linear::Sizes::Retaining { inputs, outputs };
+            pca_linear::fit(&source, &regression, sizes, settings.seed, &mut clock)?
+        }
+    };
+    Ok(fitted.finish(clock))
+}
+
+fn check(settings: &Settings) -> Result<(), Error> {
+    if let Ridge::Fixed(found) = settings.ridge
+        && !(found.is_finite() && found >= 0.0)
+    {
+        return Err(Error::Alpha { found });
+    }
+    if let Family::PcaRetaining { inputs, outputs } = settings.family {
+        for (what, found) in [("pose variance", inputs), ("output energy", outputs)] {
+            if !(found > 0.0 && found <= 1.0) {
+                return Err(Error::Share { what, found });
+            }
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;

@@ -17,7 +17,7 @@ const TELLING: [Split; 4] = [Split::Novel, Split::WithinClip, Split::Interpolate
 /// Bins of the residuals' histogram.
 const BINS: usize = 81;
 /// The part of the residuals that the histogram covers.
-const COVERED: f64 = 0.998;
+const COVERED: f64 = 0.99;
 
 pub(super) fn finish(measurement: &Measurement) -> Measured {
     let settings = &measurement.settings;

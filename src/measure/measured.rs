@@ -223,7 +223,7 @@ pub struct Residual {
     pub variance: f64,
     /// Variance of the residuals as they are in the histogram, noise included.
     pub variance_with_noise: f64,
-    /// Left end of the first bin. Bins cover the central 99.8 %.
+    /// Left end of the first bin. Bins cover the central 99 %.
     pub histogram_low: f64,
     /// Width of a bin.
     pub histogram_width: f64,

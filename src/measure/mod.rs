@@ -18,6 +18,7 @@ mod lights;
 mod measured;
 mod measurement;
 mod probes;
+pub mod report;
 mod rows;
 mod tally;
 #[cfg(test)]

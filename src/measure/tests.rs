@@ -247,7 +247,7 @@ fn percentile_agrees_with_sorting() {
     assert!((ao.mean_absolute.value - mae).abs() < 1e-9);
     let residual = &only(&measured).residual;
     let inside: f64 = residual.histogram.iter().sum();
-    assert!((inside - 0.998).abs() < 2e-3, "{inside}");
+    assert!((inside - 0.99).abs() < 5e-3, "{inside}");
     assert!(residual.cumulative.is_sorted());
 }
 

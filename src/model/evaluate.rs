@@ -49,7 +49,7 @@ impl Model {
         self.check_parameters(parameters)?;
         let count = self.check_points(points)?;
         check_length("output", out.len(), count * self.shape.width)?;
-        match &self.core {
+        match &*self.core {
             Core::Mean(mean) => copy_mean(mean, self.shape.width, points, layout, out),
             Core::Linear(panels) => self.linear(isa, panels, parameters, points, layout, out),
             Core::PcaLinear { basis, .. } => {
@@ -76,36 +76,11 @@ impl Model {
         Ok(self.subspace.distance(parameters))
     }
 
-    /// φ: the encoder's features, the constant 1 last. Empty for `mean`.
-    pub(super) fn features(&self, parameters: &[f32]) -> Vec<f32> {
-        let inputs = self.shape.inputs;
-        let mut features: Vec<f32> = match &self.core {
-            Core::Mean(_) => return Vec::new(),
-            Core::Linear(_) => {
-                let centre = &self.header.training.centre;
-                parameters.iter().zip(centre).map(|(x, c)| x - c).collect()
-            }
-            Core::PcaLinear { projection, .. } => {
-                let mut sums = vec![0.0_f32; inputs];
-                if inputs > 0 {
-                    for (row, &x) in projection.chunks_exact(inputs).zip(parameters) {
-                        for (sum, &p) in sums.iter_mut().zip(row) {
-                            *sum += p * x;
-                        }
-                    }
-                }
-                sums
-            }
-        };
-        features.push(1.0);
-        features
-    }
-
     /// Z = X^c φ of `pca-linear`, `[d_out, width]`.
     pub(super) fn reduced(&self, isa: Isa, parameters: &[f32]) -> Vec<f32> {
-        let Core::PcaLinear { coefficients, .. } = &self.core else { return Vec::new() };
+        let Core::PcaLinear { coefficients, .. } = &*self.core else { return Vec::new() };
         let mut reduced = vec![0.0; coefficients.rows()];
-        let features = self.features(parameters);
+        let features = features(&self.core, &self.header.training.centre, parameters);
         multiply(isa, coefficients, &features, 1, Layout::Rows, &mut reduced);
         reduced
     }
@@ -120,7 +95,7 @@ impl Model {
         out: &mut [f32],
     ) {
         let width = self.shape.width;
-        let features = self.features(parameters);
+        let features = features(&self.core, &self.header.training.centre, parameters);
         let gathered = points.map(|points| gather(panels, points, width));
         let panels = gathered.as_ref().unwrap_or(panels);
         if layout == Layout::Rows || width == 1 {
@@ -147,6 +122,28 @@ impl Model {
         }
         Ok(points.len())
     }
+}
+
+/// φ: the encoder's features, the constant 1 last. Empty for `mean`.
+pub(super) fn features(core: &Core, centre: &[f32], parameters: &[f32]) -> Vec<f32> {
+    let mut features: Vec<f32> = match core {
+        Core::Mean(_) => return Vec::new(),
+        Core::Linear(_) => parameters.iter().zip(centre).map(|(x, c)| x - c).collect(),
+        Core::PcaLinear { projection, coefficients, .. } => {
+            let inputs = coefficients.inner() - 1;
+            let mut sums = vec![0.0_f32; inputs];
+            if inputs > 0 {
+                for (row, &x) in projection.chunks_exact(inputs).zip(parameters) {
+                    for (sum, &p) in sums.iter_mut().zip(row) {
+                        *sum += p * x;
+                    }
+                }
+            }
+            sums
+        }
+    };
+    features.push(1.0);
+    features
 }
 
 pub(super) fn check_length(what: &str, found: usize, expected: usize) -> Result<(), Error> {

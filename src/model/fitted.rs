@@ -1,10 +1,12 @@
 //! A checked model in the layout that evaluates fastest.
 
+use std::sync::Arc;
+
 use super::distance::Subspace;
 use super::header::{check_index, field, limits, within};
 use super::rig::Rig;
-use super::{Decoder, Error, Frame, Header, Shape};
-use crate::num::panels::Panels;
+use super::{Decoder, Error, Frame, Header, Shape, Signal};
+use crate::num::panels::{Groups, Panels};
 
 /// A fitted model: pose parameters in, the signal at every point out.
 ///
@@ -13,7 +15,7 @@ use crate::num::panels::Panels;
 pub struct Model {
     pub(super) header: Header,
     pub(super) shape: Shape,
-    pub(super) core: Core,
+    pub(super) core: Arc<Core>,
     pub(super) rig: Rig,
     pub(super) subspace: Subspace,
     pub(super) point_of_vertex: Vec<u32>,
@@ -35,11 +37,13 @@ pub(super) enum Core {
         coefficients: Panels,
         /// Rows point, inner d_out.
         basis: Panels,
+        /// Bones of the points, where the coefficients' axes turn with them.
+        groups: Option<Groups>,
     },
 }
 
 impl Core {
-    fn new(decoder: Decoder, shape: Shape) -> Self {
+    fn new(decoder: Decoder, shape: Shape, groups: Option<Groups>) -> Self {
         let Shape { points, width, parameters, inputs, outputs } = shape;
         match decoder {
             Decoder::Mean { mean } => Self::Mean(mean),
@@ -55,6 +59,7 @@ impl Core {
                     coefficients[(c * (inputs + 1) + k) * outputs + j]
                 }),
                 basis: Panels::new(points, outputs, |row, j| basis[row * outputs + j]),
+                groups,
             },
         }
     }
@@ -88,7 +93,9 @@ impl Model {
             Decoder::Mean { .. } | Decoder::Linear { .. } => &header.training.directions,
         };
         let subspace = Subspace::new(&header.training, projection)?;
-        let core = Core::new(decoder, shape);
+        let turns = header.frame == Frame::Bone && header.signal != Signal::Ao;
+        let groups = turns.then(|| Groups::new(&bone_of_point));
+        let core = Arc::new(Core::new(decoder, shape, groups));
         let rig = Rig::new(&header.rig);
         Ok(Self { header, shape, core, rig, subspace, point_of_vertex, bone_of_point })
     }
@@ -126,13 +133,13 @@ impl Model {
     #[must_use]
     pub fn decoder(&self) -> Decoder {
         let Shape { points, width, parameters, inputs, outputs } = self.shape;
-        match &self.core {
+        match &*self.core {
             Core::Mean(mean) => Decoder::Mean { mean: mean.clone() },
             Core::Linear(panels) => Decoder::Linear {
                 mean: (0..points * width).map(|row| panels.at(row, parameters)).collect(),
                 weights: unpack(panels, points * width, parameters),
             },
-            Core::PcaLinear { projection, coefficients, basis } => {
+            Core::PcaLinear { projection, coefficients, basis, .. } => {
                 let mut plain = Vec::with_capacity(width * (inputs + 1) * outputs);
                 for c in 0..width {
                     for k in 0..=inputs {

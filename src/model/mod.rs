@@ -7,24 +7,33 @@
 //! *Invariant:* nothing here knows how a model was fitted.
 //! *Invariant:* a blob may come from anybody; every field is checked before it is used.
 
+mod blob;
 mod decoder;
 mod distance;
 mod error;
 mod evaluate;
 mod fitted;
+mod fold;
 mod frame;
 mod header;
 mod pose;
 mod rig;
 mod rig_header;
+#[cfg(test)]
+mod synthetic;
 
+pub use blob::Sizes;
 pub use decoder::{Decoder, Shape};
 pub use distance::Distance;
 pub use error::Error;
 pub use fitted::Model;
+pub use fold::Folded;
 pub use header::{
     FORMAT_VERSION, Family, Frame, Header, MeshIdentity, PartRange, Precision, Provenance, Signal,
     TrainingSummary, limits,
 };
 pub use pose::{JointPose, JointTransform};
 pub use rig_header::{ColumnHeader, NodeHeader, RigHeader, SourceHeader, WeightHeader};
+
+#[cfg(test)]
+mod tests;

@@ -1,7 +1,11 @@
 //! Rank 0. Numbers: random streams, direction sets, statistics, linear algebra, CPU kernels.
 
 pub mod cpu;
+#[cfg(feature = "bake")]
+pub mod directions;
 pub mod kernels;
+#[cfg(feature = "bake")]
+pub mod linalg;
 pub mod panels;
 pub mod random;
 pub mod stats;

@@ -1,1 +1,37 @@
 //! Rank 14. Recipe, plan, run and resume: the only code that joins stages.
+//!
+//! A [`recipe::Recipe`] becomes [`Checked`] settings, a scene and a recipe become a [`Job`], and a
+//! job is baked ([`bake()`]), fitted, measured, each stage on its own or all in one. Results are
+//! named by [`Hashes`]; what is there under the right hash is not made again.
+
+mod bake;
+mod checked;
+mod describe;
+mod error;
+mod figures;
+pub mod files;
+mod fit;
+mod hash;
+mod job;
+mod measure;
+mod plan;
+mod progress;
+pub mod recipe;
+mod reference;
+mod report;
+mod run;
+mod subset;
+mod timing;
+
+pub use bake::{Baked, bake};
+pub use checked::{Checked, RecipeError, ReferenceSettings};
+pub use error::Error;
+pub use figures::{Figures, ModelFigures, Spectra, Times};
+pub use fit::{FittedModel, fit, fit_mean, recipe_of, recipe_of_model};
+pub use hash::Hashes;
+pub use job::Job;
+pub use measure::measure;
+pub use plan::{Plan, plan};
+pub use progress::{Progress, Stage, Watch};
+pub use reference::{ReferenceBaked, bake_reference, job_of};
+pub use run::{Outcome, examine, meets_target, run};

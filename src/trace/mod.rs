@@ -18,4 +18,6 @@ pub use rays::{Hit, Rays, Width, words_of};
 pub const POSITION_LIMIT_M: f32 = 1.844e18;
 
 #[cfg(test)]
+pub(crate) mod shapes;
+#[cfg(test)]
 mod tests;

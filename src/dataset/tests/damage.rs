@@ -103,8 +103,11 @@ fn hostile_arrays() {
         assert!(path.ends_with(format!("{array}/zarr.json")), "{error}");
         assert_eq!(named, field, "{error}");
     }
-    let sources = victim.replacing("source/zarr.json", "\"bytes\": 11", "\"bytes\": -1");
-    assert!(sources.to_string().contains("bytes"), "{sources}");
+    for bytes in ["-1", "1e18", "18446744073709551615", "\"many\""] {
+        let to = format!("\"bytes\": {bytes}");
+        let sources = victim.replacing("source/zarr.json", "\"bytes\": 11", &to);
+        assert!(sources.to_string().contains("`bytes`"), "{sources}");
+    }
     let sources = victim.replacing("source/zarr.json", "\"bytes\": 11", "\"bytes\": 12");
     assert!(sources.to_string().contains("file0"), "{sources}");
 }

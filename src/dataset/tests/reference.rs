@@ -34,7 +34,7 @@ fn everything_comes_back() {
     let place = folder();
     bake(place.path(), LAYOUT).unwrap();
     let dataset = Dataset::open(place.path()).unwrap();
-    assert!(matches!(Reference::open(&dataset).unwrap_err(), Error::NotADataset { .. }));
+    assert!(matches!(Reference::open(&dataset).unwrap_err(), Error::NoReference { .. }));
     drop(Reference::open_or_create(&dataset, &header_of(&[1, 7, 8])).unwrap());
     let reference = Reference::open(&dataset).unwrap();
     assert_eq!(reference.missing(), [(0, 0), (1, 0), (0, 1), (1, 1), (0, 2), (1, 2)]);

@@ -1,0 +1,15 @@
+# Builds on the official Rust image for Debian 13, whose own Embree is version 4, and runs on slim
+# Debian 13 as a user without rights. docker build -t poselight . && docker run --rm -v "$PWD:/work" poselight --help
+FROM rust:1-trixie AS build
+RUN apt-get update && apt-get install -y --no-install-recommends libclang-dev libembree-dev && rm -rf /var/lib/apt/lists/*
+WORKDIR /build
+COPY . .
+RUN cargo build --release --locked
+
+FROM debian:trixie-slim
+RUN apt-get update && apt-get install -y --no-install-recommends libembree4-4 && rm -rf /var/lib/apt/lists/* \
+    && useradd --create-home --uid 10001 poselight && mkdir /work && chown poselight /work
+COPY --from=build /build/target/release/poselight /usr/local/bin/poselight
+USER poselight
+WORKDIR /work
+ENTRYPOINT ["poselight"]

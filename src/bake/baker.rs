@@ -1,0 +1,260 @@
+//! Poses in, coefficients out, with all cores busy.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+use rayon::prelude::*;
+
+use crate::rig::Points;
+use crate::trace::Device;
+
+use super::kernel::{Scratch, bake_point};
+use super::plan::Plan;
+use super::posed::Posed;
+use super::{BakedPose, Error, PosedMesh, Settings};
+
+/// Rays per task: a few milliseconds, so that cores end together and cancelling is prompt.
+const RAYS_PER_TASK: usize = 1 << 14;
+
+/// Poses are prepared in waves of at least one per thread, and of so many points in all that the
+/// ends of waves do not show.
+const POINTS_PER_WAVE: usize = 1 << 14;
+
+/// Bytes that the tracer needs per triangle and per vertex, measured with margin.
+const SCENE_BYTES_PER_TRIANGLE: u64 = 400;
+
+/// Bakes poses of one mesh.
+#[derive(Debug)]
+pub struct Baker {
+    triangles: Vec<[u32; 3]>,
+    points: Points,
+    plan: Plan,
+    /// Idle tracers: as many as scenes are ever built at the same time.
+    devices: Mutex<Vec<Device>>,
+}
+
+/// What a short trial says of a machine and a pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Calibration {
+    /// All threads together.
+    pub rays_per_s: f64,
+    /// One thread, one pose: check, scale and build, seconds.
+    pub prepare_s: f64,
+}
+
+/// The points of one pose that one task bakes.
+struct Task<'a> {
+    posed: &'a Posed,
+    first_point: usize,
+    coefficients: &'a mut [f32],
+    noise: &'a mut [f32],
+}
+
+impl Baker {
+    /// Checks the mesh and the settings and computes the tables.
+    ///
+    /// # Errors
+    /// Rays or maximum distance out of range, a triangle or a point that names a vertex that does
+    /// not exist, or a vertex without a point.
+    pub fn new(
+        triangles: &[[u32; 3]],
+        points: &Points,
+        settings: &Settings,
+    ) -> Result<Self, Error> {
+        check(triangles, points)?;
+        let plan = Plan::new(settings)?;
+        let (triangles, points) = (triangles.to_vec(), points.clone());
+        Ok(Self { triangles, points, plan, devices: Mutex::new(Vec::new()) })
+    }
+
+    /// How many points each pose has.
+    #[must_use]
+    pub fn points(&self) -> usize {
+        self.points.vertex.len()
+    }
+
+    /// How many rays each point of each pose gets.
+    #[must_use]
+    pub fn rays_per_point(&self) -> usize {
+        self.plan.rays()
+    }
+
+    /// Bakes poses with all threads of the current rayon pool. What a pose gets does not depend on
+    /// the others, nor on the number of threads.
+    ///
+    /// # Errors
+    /// A pose of another shape or with a vertex that is not finite, a tracer that fails, or
+    /// [`Error::Cancelled`] soon after `cancelled` becomes true.
+    pub fn bake(
+        &self,
+        poses: &[PosedMesh<'_>],
+        cancelled: &AtomicBool,
+    ) -> Result<Vec<BakedPose>, Error> {
+        let wave = self.poses_per_wave(rayon::current_num_threads());
+        let mut baked = Vec::with_capacity(poses.len());
+        for (index, wave_poses) in poses.chunks(wave).enumerate() {
+            let posed = self.prepare(wave_poses, index * wave, cancelled)?;
+            baked.extend(self.trace(&posed, cancelled)?);
+        }
+        Ok(baked)
+    }
+
+    /// The most memory that [`Self::bake`] adds for so many poses in one call on so many threads,
+    /// result and tables included, in bytes; an upper estimate.
+    #[must_use]
+    pub fn memory_bytes(&self, poses: usize, threads: usize) -> u64 {
+        let points = self.points() as u64;
+        let vertices = self.points.of_vertex.len() as u64;
+        let coefficients = self.plan.coefficients as u64;
+        let triangles = self.triangles.len() as u64;
+        let in_flight = poses.min(self.poses_per_wave(threads)) as u64;
+        let per_pose = triangles * SCENE_BYTES_PER_TRIANGLE + 24 * vertices + 44 * points;
+        let result = poses as u64 * points * 4 * (coefficients + 2);
+        let scratch = threads as u64
+            * 4
+            * (4 * self.plan.directions.directions() as u64
+                + self.plan.blocks as u64 * coefficients);
+        self.plan.memory_bytes() + in_flight * per_pose + result + scratch
+    }
+
+    /// Bakes as many points of a pose as fit in `budget_s` seconds or so, evenly spread, and says
+    /// how fast that went.
+    ///
+    /// # Errors
+    /// As [`Self::bake`].
+    pub fn calibrate(&self, pose: &PosedMesh<'_>, budget_s: f64) -> Result<Calibration, Error> {
+        let start = Instant::now();
+        let mut posed = self.prepare(std::slice::from_ref(pose), 0, &AtomicBool::new(false))?;
+        let prepare_s = start.elapsed().as_secs_f64();
+        let Some(posed) = posed.pop().filter(|_| self.points() > 0) else {
+            return Ok(Calibration { rays_per_s: f64::INFINITY, prepare_s });
+        };
+        let threads = rayon::current_num_threads();
+        let start = Instant::now();
+        let baked: usize = rayon::broadcast(|context| {
+            let mut scratch = Scratch::new(&self.plan);
+            let mut out = vec![0.0; self.plan.coefficients];
+            let mut baked = 0;
+            // At least one, however late the thread wakes up.
+            while baked == 0 || start.elapsed().as_secs_f64() < budget_s {
+                // An odd multiplier of the golden ratio visits the mesh evenly.
+                let step = (baked * threads + context.index()) as u64 * 0x9e37_79b9;
+                let point = ((step & 0xffff_ffff) * self.points() as u64) >> 32;
+                bake_point(&self.plan, &posed, point as usize, &mut scratch, &mut out);
+                baked += 1;
+            }
+            baked
+        })
+        .into_iter()
+        .sum();
+        let rays = (baked * self.plan.rays()) as f64;
+        Ok(Calibration { rays_per_s: rays / start.elapsed().as_secs_f64(), prepare_s })
+    }
+
+    /// At least one pose per thread: scenes are built one per thread at a time.
+    fn poses_per_wave(&self, threads: usize) -> usize {
+        let for_points = POINTS_PER_WAVE / self.points().max(1);
+        for_points.clamp(1, 64).next_multiple_of(threads.max(1))
+    }
+
+    fn prepare(
+        &self,
+        poses: &[PosedMesh<'_>],
+        first: usize,
+        cancelled: &AtomicBool,
+    ) -> Result<Vec<Posed>, Error> {
+        let one = |(index, mesh): (usize, &PosedMesh<'_>)| {
+            let pose = first + index;
+            if cancelled.load(Ordering::Relaxed) {
+                return Err(Error::Cancelled);
+            }
+            let device = self.take_device(pose)?;
+            let (triangles, points) = (&self.triangles, &self.points);
+            let far = self.plan.max_distance_m;
+            let posed = Posed::new(&device, triangles, points, pose, mesh, far);
+            self.idle_devices().push(device);
+            posed
+        };
+        let posed: Vec<Result<Posed, Error>> =
+            poses.par_iter().with_max_len(1).enumerate().map(one).collect();
+        // The first error by index, whatever the threads did.
+        posed.into_iter().collect()
+    }
+
+    fn trace(&self, posed: &[Posed], cancelled: &AtomicBool) -> Result<Vec<BakedPose>, Error> {
+        let (points, count) = (self.points(), self.plan.coefficients);
+        let rays = vec![self.plan.rays() as u32; points];
+        let empty = || BakedPose {
+            coefficients: vec![0.0; points * count],
+            noise: vec![0.0; points],
+            rays: rays.clone(),
+        };
+        let mut baked: Vec<BakedPose> = posed.iter().map(|_| empty()).collect();
+        let chunk = (RAYS_PER_TASK / self.plan.rays()).max(1);
+        let tasks: Vec<Task<'_>> = posed
+            .iter()
+            .zip(&mut baked)
+            .flat_map(|(posed, baked)| {
+                let coefficients = baked.coefficients.chunks_mut(chunk * count);
+                let chunks = coefficients.zip(baked.noise.chunks_mut(chunk)).enumerate();
+                chunks.map(move |(index, (coefficients, noise))| Task {
+                    posed,
+                    first_point: index * chunk,
+                    coefficients,
+                    noise,
+                })
+            })
+            .collect();
+        tasks.into_par_iter().with_max_len(1).try_for_each_init(
+            || Scratch::new(&self.plan),
+            |scratch, task| self.run(task, scratch, cancelled),
+        )?;
+        Ok(baked)
+    }
+
+    fn run(
+        &self,
+        task: Task<'_>,
+        scratch: &mut Scratch,
+        cancelled: &AtomicBool,
+    ) -> Result<(), Error> {
+        if cancelled.load(Ordering::Relaxed) {
+            return Err(Error::Cancelled);
+        }
+        let outputs = task.coefficients.chunks_exact_mut(self.plan.coefficients).zip(task.noise);
+        for (point, (out, noise)) in (task.first_point..).zip(outputs) {
+            *noise = bake_point(&self.plan, task.posed, point, scratch, out);
+        }
+        Ok(())
+    }
+
+    fn take_device(&self, pose: usize) -> Result<Device, Error> {
+        let idle = self.idle_devices().pop();
+        idle.map_or_else(Device::new, Ok).map_err(|source| Error::Trace { pose, source })
+    }
+
+    fn idle_devices(&self) -> std::sync::MutexGuard<'_, Vec<Device>> {
+        // A list of idle devices is right whatever panicked while it was locked.
+        self.devices.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn check(triangles: &[[u32; 3]], points: &Points) -> Result<(), Error> {
+    let vertices = points.of_vertex.len();
+    for (triangle, corners) in triangles.iter().enumerate() {
+        if let Some(&vertex) = corners.iter().find(|&&corner| corner as usize >= vertices) {
+            return Err(Error::Triangle { triangle, vertex, vertices });
+        }
+    }
+    let maps = [
+        ("vertex of point", &points.vertex, vertices),
+        ("point of vertex", &points.of_vertex, points.vertex.len()),
+    ];
+    for (map, values, limit) in maps {
+        if let Some(key) = values.iter().position(|&value| value as usize >= limit) {
+            return Err(Error::Points { map, key, value: values[key], limit });
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,78 @@
+//! What can go wrong between posed meshes and their signals.
+
+use crate::trace;
+
+/// Why a bake could not be set up or finished.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// The number of rays per point is out of range.
+    #[error("{found} rays per point cannot be baked; choose 1 to {most}", most = super::MOST_RAYS)]
+    Rays {
+        /// What was asked for.
+        found: u32,
+    },
+    /// The maximum distance is not a positive number.
+    #[error("a maximum distance of {found} m blocks nothing; choose a positive number of metres")]
+    MaxDistance {
+        /// What was asked for.
+        found: f32,
+    },
+    /// A triangle names a vertex that does not exist.
+    #[error("triangle {triangle} names vertex {vertex}, but there are {vertices} vertices")]
+    Triangle {
+        /// Index of the triangle.
+        triangle: usize,
+        /// What it names.
+        vertex: u32,
+        /// How many there are.
+        vertices: usize,
+    },
+    /// The maps between points and vertices contradict their sizes.
+    #[error("the {map} of {key} is {value}, but there are only {limit}")]
+    Points {
+        /// `vertex of point` or `point of vertex`.
+        map: &'static str,
+        /// The index into the map.
+        key: usize,
+        /// What the map says.
+        value: u32,
+        /// How many there are of those.
+        limit: usize,
+    },
+    /// A pose does not have the mesh's number of vertices.
+    #[error(
+        "pose {pose} has {positions} positions and {normals} normals, but the mesh has {vertices} \
+         vertices"
+    )]
+    Shape {
+        /// Index into the poses given.
+        pose: usize,
+        /// How many positions it has.
+        positions: usize,
+        /// How many normals it has.
+        normals: usize,
+        /// How many of both it should have.
+        vertices: usize,
+    },
+    /// A vertex has no finite place.
+    #[error("in pose {pose}, vertex {vertex} is at {position:?}, which is not finite")]
+    NotFinite {
+        /// Index into the poses given.
+        pose: usize,
+        /// Index of the vertex.
+        vertex: usize,
+        /// Where it is.
+        position: [f32; 3],
+    },
+    /// The tracer failed.
+    #[error("pose {pose} could not be traced: {source}")]
+    Trace {
+        /// Index into the poses given.
+        pose: usize,
+        /// What the tracer says.
+        source: trace::Error,
+    },
+    /// Somebody asked to stop.
+    #[error("the bake was cancelled")]
+    Cancelled,
+}

@@ -1,0 +1,141 @@
+//! One point of one pose.
+
+use std::f64::consts::PI;
+
+use glam::{Mat3, Quat, Vec3};
+
+use crate::num::directions::Set;
+use crate::num::random::{hash, unit};
+use crate::sh::{MAX_COEFFICIENTS, Rotation};
+use crate::trace::{Rays, words_of};
+
+use super::Signal;
+use super::plan::Plan;
+use super::posed::Posed;
+use super::sums::{LANES, list_bits};
+
+/// Room for [`MAX_COEFFICIENTS`] in whole lanes.
+const ROOM: usize = MAX_COEFFICIENTS.next_multiple_of(LANES);
+
+/// What one thread needs beside the plan; made once per task.
+#[derive(Debug)]
+pub(super) struct Scratch {
+    /// The set's directions in the root frame.
+    turned: [Vec<f32>; 3],
+    blocked: Vec<u64>,
+    listed: Vec<u16>,
+    rotation: Rotation,
+    /// [block, coefficient]: what is blocked, root frame.
+    blocks: Vec<f32>,
+}
+
+impl Scratch {
+    pub(super) fn new(plan: &Plan) -> Self {
+        let rays = plan.directions.directions();
+        Self {
+            turned: [(); 3].map(|()| vec![0.0; rays]),
+            blocked: vec![0; words_of(rays)],
+            listed: vec![0; rays],
+            rotation: Rotation::identity(plan.order),
+            blocks: vec![0.0; plan.blocks * plan.coefficients],
+        }
+    }
+}
+
+/// Bakes one point: writes its coefficients and returns its noise.
+pub(super) fn bake_point(
+    plan: &Plan,
+    posed: &Posed,
+    point: usize,
+    scratch: &mut Scratch,
+    out: &mut [f32],
+) -> f32 {
+    let mut half_squares = 0.0;
+    for block in 0..plan.blocks {
+        half_squares += trace_block(plan, posed, point, block, scratch);
+    }
+    let count = plan.coefficients;
+    let mean = &mut [0.0; MAX_COEFFICIENTS][..count];
+    for block in scratch.blocks.chunks_exact(count) {
+        mean.iter_mut().zip(block).for_each(|(mean, value)| *mean += value);
+    }
+    mean.iter_mut().for_each(|mean| *mean /= plan.blocks as f32);
+    let mut block_squares = 0.0;
+    for block in scratch.blocks.chunks_exact(count) {
+        let square = |(mean, value): (&f32, &f32)| f64::from(value - mean).powi(2);
+        block_squares += mean.iter().zip(block).map(square).sum::<f64>();
+    }
+    plan.unoccluded(posed.normals[point], out);
+    out.iter_mut().zip(mean).for_each(|(out, blocked)| *out -= *blocked);
+    // Batches are block mean ± half difference, so Σ (batch − mean)² falls into these two.
+    let batches = 2.0 * plan.blocks as f64;
+    let variance = 2.0 * (half_squares + block_squares) / (batches * (batches - 1.0));
+    (variance / count as f64).sqrt() as f32
+}
+
+/// Traces one set of directions: writes what it finds blocked to the scratch's block and returns
+/// the sum of squares over the coefficients of half the difference between its two halves.
+fn trace_block(
+    plan: &Plan,
+    posed: &Posed,
+    point: usize,
+    block: usize,
+    scratch: &mut Scratch,
+) -> f64 {
+    let time = u64::from(posed.time_bits);
+    let bits = hash(&[plan.seed, point as u64, posed.clip_key, time, block as u64]);
+    let index = (((bits >> 32) * plan.directions.sets() as u64) >> 32) as usize;
+    let set = plan.directions.set(index);
+    let frame = frame(posed.normals[point], PI * unit(bits << 32));
+    turn(&Mat3::from_quat(frame), &set, &mut scratch.turned);
+    let [x, y, z] = &scratch.turned;
+    let rays = Rays { origin: posed.origins[point], x, y, z, near: 0.0, far: posed.far };
+    posed.scene.occluded(&rays, &mut scratch.blocked);
+    let count = plan.coefficients;
+    let out = &mut scratch.blocks[block * count..(block + 1) * count];
+    if plan.signal == Signal::Ao {
+        let [first, second] = shares(&scratch.blocked, &set);
+        out[0] = ((first + second) / 2.0) as f32;
+        return ((first - second) / 2.0).powi(2);
+    }
+    let mut halves = [[0.0; ROOM]; 2];
+    for (half, sums) in halves.iter_mut().enumerate() {
+        let flip = if half == 0 { u64::MAX } else { 0 };
+        let words = scratch.blocked.iter().zip(set.second_half).map(|(b, h)| b & (h ^ flip));
+        let blocked = list_bits(words, &mut scratch.listed);
+        plan.rows[index].sum(&scratch.listed[..blocked], sums);
+    }
+    let [first, second] = &mut halves;
+    let mut squares = 0.0;
+    for (a, b) in first[..count].iter_mut().zip(&second[..count]) {
+        squares += f64::from((*a - b) / 2.0).powi(2);
+        *a = (*a + b) / 2.0;
+    }
+    scratch.rotation.set(frame);
+    scratch.rotation.apply(&first[..count], out);
+    squares
+}
+
+/// Turns +Z to the normal after turning by twice `half_azimuth` about +Z.
+fn frame(normal: Vec3, half_azimuth: f64) -> Quat {
+    let (sin, cos) = half_azimuth.sin_cos();
+    Quat::from_rotation_arc(Vec3::Z, normal) * Quat::from_xyzw(0.0, 0.0, sin as f32, cos as f32)
+}
+
+fn turn(frame: &Mat3, set: &Set<'_>, out: &mut [Vec<f32>; 3]) {
+    for (axis, out) in out.iter_mut().enumerate() {
+        let [a, b, c] = frame.row(axis).to_array();
+        for (((out, x), y), z) in out.iter_mut().zip(set.x).zip(set.y).zip(set.z) {
+            *out = a * x + b * y + c * z;
+        }
+    }
+}
+
+/// The blocked share of each half.
+fn shares(blocked: &[u64], set: &Set<'_>) -> [f64; 2] {
+    let half = (set.x.len() / 2) as f64;
+    let pairs = || blocked.iter().zip(set.second_half);
+    let all: u32 = blocked.iter().map(|word| word.count_ones()).sum();
+    let second: u32 = pairs().map(|(b, h)| (b & h).count_ones()).sum();
+    [f64::from(all - second) / half, f64::from(second) / half]
+}

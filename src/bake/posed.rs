@@ -1,0 +1,167 @@
+//! A posed mesh made ready for tracing.
+//!
+//! The mesh is moved to the origin and scaled by a power of two to a size between 1 and 2, so the
+//! tracer meets the same numbers at every scale and place. What the original coordinates could not
+//! resolve stays lost, and the ray's offset knows it.
+
+use glam::Vec3;
+
+use crate::rig::Points;
+use crate::trace;
+
+use super::{Error, PosedMesh};
+
+/// The offset in mean lengths of the adjoining edges: a thousand times what single precision loses
+/// in intersecting a triangle of that size, and far below what an eye sees.
+const OFFSET_IN_EDGES: f32 = 1e-4;
+
+/// The offset in spacings of floating-point numbers at the point's largest coordinate: rounding
+/// origin and vertices loses less than 2.
+const OFFSET_IN_SPACINGS: f32 = 8.0;
+
+/// One pose ready for tracing; lengths in the scaled space.
+#[derive(Debug)]
+pub(super) struct Posed {
+    pub(super) scene: trace::Scene,
+    /// Where a point's rays start.
+    pub(super) origins: Vec<Vec3>,
+    /// Unit shading normals.
+    pub(super) normals: Vec<Vec3>,
+    /// Beyond this nothing blocks.
+    pub(super) far: f32,
+    pub(super) clip_key: u64,
+    pub(super) time_bits: u32,
+}
+
+/// What the triangles around a point say of it.
+#[derive(Debug, Clone, Copy, Default)]
+struct Surroundings {
+    /// Twice the sum of the triangles' areas times their normals.
+    normal: Vec3,
+    edge_sum: f32,
+    edges: u32,
+}
+
+impl Posed {
+    /// Checks, scales, and builds the scene in the calling thread.
+    pub(super) fn new(
+        device: &trace::Device,
+        triangles: &[[u32; 3]],
+        points: &Points,
+        pose: usize,
+        mesh: &PosedMesh<'_>,
+        max_distance_m: f32,
+    ) -> Result<Self, Error> {
+        check(pose, mesh, points.of_vertex.len())?;
+        let space = Space::around(mesh.positions);
+        let positions: Vec<Vec3> = mesh.positions.iter().map(|&p| space.enter(p)).collect();
+        let scene = trace::Scene::build(device, &positions, triangles)
+            .map_err(|source| Error::Trace { pose, source })?;
+        let around = surroundings(triangles, points, &positions);
+        let normals: Vec<Vec3> = points
+            .vertex
+            .iter()
+            .zip(&around)
+            .map(|(&vertex, around)| shading_normal(mesh.normals[vertex as usize], around.normal))
+            .collect();
+        let origin = |((&vertex, around), &normal): ((&u32, &Surroundings), &Vec3)| {
+            let vertex = vertex as usize;
+            let spacing = space.spacing(mesh.positions[vertex]);
+            positions[vertex] + around.offset(normal, spacing)
+        };
+        let origins = points.vertex.iter().zip(&around).zip(&normals).map(origin).collect();
+        Ok(Self {
+            scene,
+            origins,
+            normals,
+            far: max_distance_m * space.scale,
+            clip_key: mesh.clip_key,
+            time_bits: mesh.time_s.to_bits(),
+        })
+    }
+}
+
+fn check(pose: usize, mesh: &PosedMesh<'_>, vertices: usize) -> Result<(), Error> {
+    let (positions, normals) = (mesh.positions.len(), mesh.normals.len());
+    if positions != vertices || normals != vertices {
+        return Err(Error::Shape { pose, positions, normals, vertices });
+    }
+    if let Some(vertex) = mesh.positions.iter().position(|p| !p.is_finite()) {
+        let position = mesh.positions[vertex].to_array();
+        return Err(Error::NotFinite { pose, vertex, position });
+    }
+    Ok(())
+}
+
+/// The scaled space: (p − centre) · scale.
+struct Space {
+    centre: Vec3,
+    scale: f32,
+}
+
+impl Space {
+    fn around(positions: &[Vec3]) -> Self {
+        let first = positions.first().copied().unwrap_or_default();
+        let (low, high) =
+            positions.iter().fold((first, first), |(low, high), &p| (low.min(p), high.max(p)));
+        // Halved first: the sum of two large coordinates may overflow.
+        let half_extent = (high * 0.5 - low * 0.5).max_element();
+        let centre = low * 0.5 + high * 0.5;
+        // A power of two changes no digits. Bounded so that it and its products stay normal.
+        let exponent = -half_extent.max(f32::MIN_POSITIVE).log2().ceil();
+        let scale = if half_extent > 0.0 { exponent.clamp(-120.0, 120.0).exp2() } else { 1.0 };
+        Self { centre, scale }
+    }
+
+    fn enter(&self, position: Vec3) -> Vec3 {
+        (position - self.centre) * self.scale
+    }
+
+    /// The distance between neighbouring numbers at the point's largest coordinate, original or
+    /// moved, whichever is larger; scaled.
+    fn spacing(&self, position: Vec3) -> f32 {
+        let moved = (position - self.centre).abs().max_element();
+        moved.max(position.abs().max_element()) * self.scale * f32::EPSILON
+    }
+}
+
+fn surroundings(triangles: &[[u32; 3]], points: &Points, positions: &[Vec3]) -> Vec<Surroundings> {
+    let mut around = vec![Surroundings::default(); points.vertex.len()];
+    for corners in triangles {
+        let [a, b, c] = corners.map(|corner| positions[corner as usize]);
+        let normal = (b - a).cross(c - a);
+        let [ab, bc, ca] = [b - a, c - b, a - c].map(Vec3::length);
+        for (corner, edge_sum) in corners.iter().zip([ab + ca, ab + bc, bc + ca]) {
+            let here = &mut around[points.of_vertex[*corner as usize] as usize];
+            here.normal += normal;
+            here.edge_sum += edge_sum;
+            here.edges += 2;
+        }
+    }
+    around
+}
+
+impl Surroundings {
+    /// From the point to where its rays start: along the geometric normal on the shading side.
+    fn offset(&self, shading_normal: Vec3, spacing: f32) -> Vec3 {
+        let edge = if self.edges > 0 { self.edge_sum / self.edges as f32 } else { 0.0 };
+        let length = (OFFSET_IN_EDGES * edge).max(OFFSET_IN_SPACINGS * spacing);
+        let geometric = unit(self.normal).unwrap_or(shading_normal);
+        let side = if geometric.dot(shading_normal) < 0.0 { -1.0 } else { 1.0 };
+        geometric * (side * length)
+    }
+}
+
+fn shading_normal(given: Vec3, geometric: Vec3) -> Vec3 {
+    unit(given).or_else(|| unit(geometric)).unwrap_or(Vec3::Y)
+}
+
+/// `None` where there is no direction. Scaled first, so that tiny areas keep theirs.
+fn unit(vector: Vec3) -> Option<Vec3> {
+    let largest = vector.abs().max_element();
+    if vector.is_finite() && largest >= f32::MIN_POSITIVE {
+        Some((vector / largest).normalize())
+    } else {
+        None
+    }
+}

@@ -1,0 +1,382 @@
+//! The arguments of every command, and how they edit a recipe.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+use crate::pipeline::recipe::{
+    FamilyName, FrameName, OnName, ParametrisationName, PrecisionName, Recipe, RidgeName,
+    SignalName,
+};
+
+/// Bakes light transport of animated characters into compact, proven models.
+#[derive(Debug, Parser)]
+#[command(name = "poselight", version, propagate_version = true)]
+pub(crate) struct Cli {
+    /// One JSON object on stdout; progress and messages stay on stderr.
+    #[arg(long, global = true)]
+    pub(crate) json: bool,
+    /// Compute threads; all cores when absent. Results are the same for any number.
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Write a bundled character, made by code.
+    Sample(SampleArgs),
+    /// Say what a scene, data set or model holds, and what a bake would need.
+    Inspect(InspectArgs),
+    /// Bake a signal at every vertex over many poses into a data set.
+    Bake(BakeArgs),
+    /// Fit a model to a data set.
+    Fit(FitCommandArgs),
+    /// Measure a model against reference bakes on training and held-out motion.
+    Measure(MeasureArgs),
+    /// Evaluate a model at poses.
+    Evaluate(EvaluateArgs),
+    /// Bake, fit, measure and report in one.
+    Run(RunArgs),
+    /// Print the JSON Schema of the recipe.
+    Schema,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct SampleArgs {
+    /// Which character.
+    #[arg(value_enum)]
+    pub(crate) name: SampleName,
+    /// The GLB file to write.
+    #[arg(short, long, value_name = "FILE.glb")]
+    pub(crate) output: PathBuf,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum SampleName {
+    /// A skinned humanoid with the clips walk, wave, crouch and jump.
+    Figure,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct InspectArgs {
+    /// A scene (.glb, .gltf, .obj), a data set (folder) or a model (.safetensors).
+    pub(crate) file: PathBuf,
+}
+
+/// Where the recipe starts; every other flag edits it.
+#[derive(Debug, Args)]
+pub(crate) struct RecipeArgs {
+    /// A recipe to start from; the other flags edit it.
+    #[arg(long, value_name = "FILE.json")]
+    pub(crate) recipe: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Poses")]
+pub(crate) struct PoseFlags {
+    /// Use only this clip (may be repeated); all clips when absent.
+    #[arg(long, value_name = "NAME")]
+    clip: Vec<String>,
+    /// Keep this clip from training and measure the model on it (may be repeated).
+    #[arg(long, value_name = "NAME")]
+    hold_out: Vec<String>,
+    /// Poses per second of clip [default: 30].
+    #[arg(long, value_name = "HZ")]
+    fps: Option<f32>,
+    /// How a pose becomes numbers [default: joint-angles].
+    #[arg(long, value_enum)]
+    parametrisation: Option<ParametrisationArg>,
+    /// Keep every k-th training pose for measuring interpolation, 0 for none [default: 10].
+    #[arg(long, value_name = "K")]
+    interpolated_every: Option<u32>,
+    /// Drop poses closer than this to an earlier one, 0 for none [default: 0.005].
+    #[arg(long, value_name = "DISTANCE")]
+    near_repeat: Option<f32>,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum ParametrisationArg {
+    JointAngles,
+}
+
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Bake")]
+pub(crate) struct BakeFlags {
+    /// What is baked [default: transfer].
+    #[arg(long, value_enum)]
+    signal: Option<SignalArg>,
+    /// Order of the spherical harmonics, 1 to 10 [default: 6].
+    #[arg(long, value_name = "N")]
+    order: Option<u8>,
+    /// Rays per vertex and pose [default: 500].
+    #[arg(long, value_name = "N")]
+    rays: Option<u32>,
+    /// Metres beyond which nothing occludes; unbounded when absent.
+    #[arg(long, value_name = "METRES")]
+    max_distance: Option<f32>,
+    /// Seed of every random choice [default: 1].
+    #[arg(long, value_name = "SEED")]
+    seed: Option<u64>,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum SignalArg {
+    Ao,
+    Visibility,
+    Transfer,
+}
+
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Fit")]
+pub(crate) struct FitFlags {
+    /// The model family [default: pca-linear].
+    #[arg(long, value_enum)]
+    family: Option<FamilyArg>,
+    /// Pose dimensions of pca-linear [default: 8].
+    #[arg(long, value_name = "N")]
+    inputs: Option<u32>,
+    /// Output dimensions of pca-linear [default: 22].
+    #[arg(long, value_name = "N")]
+    outputs: Option<u32>,
+    /// The frame in which coefficients are modelled [default: bone].
+    #[arg(long, value_enum)]
+    frame: Option<FrameArg>,
+    /// How the regularisation is chosen [default: leave-one-clip-out].
+    #[arg(long, value_enum)]
+    ridge: Option<RidgeArg>,
+    /// The regularisation, with --ridge fixed.
+    #[arg(long, value_name = "ALPHA")]
+    alpha: Option<f64>,
+    /// Motion that the model is for; `trained` compresses and does not regularise [default: novel].
+    #[arg(long, value_enum)]
+    on: Option<OnArg>,
+    /// How the model's numbers are stored [default: f32].
+    #[arg(long, value_enum)]
+    precision: Option<PrecisionArg>,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum FamilyArg {
+    Mean,
+    Linear,
+    PcaLinear,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum FrameArg {
+    Root,
+    Bone,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum RidgeArg {
+    LeaveOneOut,
+    LeaveOneClipOut,
+    Fixed,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum OnArg {
+    Novel,
+    Trained,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum PrecisionArg {
+    F32,
+    F16,
+    I8,
+}
+
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Measure")]
+pub(crate) struct MeasureFlags {
+    /// References use this many times the bake's rays, at least 8 [default: 8].
+    #[arg(long, value_name = "N")]
+    reference_factor: Option<u32>,
+    /// Reference poses of each split, fewer where a split has fewer [default: 100].
+    #[arg(long, value_name = "N")]
+    reference_poses: Option<u32>,
+    /// Largest novel error accepted (coefficient RMSE); exit status 3 when missed.
+    #[arg(long, value_name = "RMSE")]
+    max_error: Option<f32>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct BakeArgs {
+    /// The scene (.glb, .gltf, .obj).
+    pub(crate) scene: PathBuf,
+    /// The data set to write, or to continue.
+    #[arg(short, long, value_name = "DATASET")]
+    pub(crate) output: PathBuf,
+    /// Print rays, bytes, memory and time, and bake nothing.
+    #[arg(long)]
+    pub(crate) dry_run: bool,
+    #[command(flatten)]
+    pub(crate) recipe: RecipeArgs,
+    #[command(flatten)]
+    pub(crate) poses: PoseFlags,
+    #[command(flatten)]
+    pub(crate) bake: BakeFlags,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct FitCommandArgs {
+    /// The data set.
+    pub(crate) dataset: PathBuf,
+    /// The model to write.
+    #[arg(short, long, value_name = "MODEL.safetensors")]
+    pub(crate) output: PathBuf,
+    #[command(flatten)]
+    pub(crate) fit: FitFlags,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct MeasureArgs {
+    /// The model.
+    pub(crate) model: PathBuf,
+    /// The data set that it was fitted to; references are baked into it once.
+    pub(crate) dataset: PathBuf,
+    /// Also write the report, one HTML file.
+    #[arg(long, value_name = "FILE.html")]
+    pub(crate) report: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) measure: MeasureFlags,
+}
+
+#[derive(Debug, Args)]
+#[command(group = clap::ArgGroup::new("poses").required(true).args(["parameters", "scene"]))]
+pub(crate) struct EvaluateArgs {
+    /// The model.
+    pub(crate) model: PathBuf,
+    /// Poses as parameters, an array [pose, parameter] of f32 or f64.
+    #[arg(long, value_name = "FILE.npy")]
+    pub(crate) parameters: Option<PathBuf>,
+    /// Poses from a clip of this scene.
+    #[arg(long, value_name = "SCENE", requires = "clip")]
+    pub(crate) scene: Option<PathBuf>,
+    /// The clip to sample.
+    #[arg(long, value_name = "NAME", requires = "scene")]
+    pub(crate) clip: Option<String>,
+    /// Poses per second of clip.
+    #[arg(long, value_name = "HZ", default_value_t = 30.0)]
+    pub(crate) fps: f32,
+    /// Fold a light: an array of f32 coefficients, [n²] or [n², 3], in the root frame.
+    #[arg(long, value_name = "LIGHT.npy")]
+    pub(crate) light: Option<PathBuf>,
+    /// Where the values go: [pose, vertex, channel, coefficient], or [pose, vertex, colour] under a light.
+    #[arg(short, long, value_name = "OUT.npy")]
+    pub(crate) output: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct RunArgs {
+    /// The scene (.glb, .gltf, .obj).
+    pub(crate) scene: PathBuf,
+    /// The folder for data set, model, figures and report.
+    #[arg(short, long, value_name = "DIR")]
+    pub(crate) output: PathBuf,
+    #[command(flatten)]
+    pub(crate) recipe: RecipeArgs,
+    #[command(flatten)]
+    pub(crate) poses: PoseFlags,
+    #[command(flatten)]
+    pub(crate) bake: BakeFlags,
+    #[command(flatten)]
+    pub(crate) fit: FitFlags,
+    #[command(flatten)]
+    pub(crate) measure: MeasureFlags,
+}
+
+/// Puts a flag's value over a recipe's field where the flag was given.
+fn set<T>(field: &mut T, flag: Option<impl Into<T>>) {
+    if let Some(value) = flag {
+        *field = value.into();
+    }
+}
+
+impl PoseFlags {
+    /// Edits the recipe's poses.
+    pub(crate) fn edit(&self, recipe: &mut Recipe) {
+        let poses = &mut recipe.poses;
+        if !self.clip.is_empty() {
+            poses.clips = Some(self.clip.clone());
+        }
+        if !self.hold_out.is_empty() {
+            poses.hold_out = Some(self.hold_out.clone());
+        }
+        set(&mut poses.rate_hz, self.fps);
+        set(&mut poses.interpolated_every, self.interpolated_every);
+        set(&mut poses.near_repeat, self.near_repeat);
+        set(&mut poses.parametrisation, self.parametrisation);
+    }
+}
+
+impl BakeFlags {
+    /// Edits the recipe's bake, and the seed of its poses.
+    pub(crate) fn edit(&self, recipe: &mut Recipe) {
+        let bake = &mut recipe.bake;
+        set(&mut bake.signal, self.signal);
+        set(&mut bake.order, self.order);
+        set(&mut bake.rays, self.rays);
+        set(&mut bake.seed, self.seed);
+        set(&mut recipe.poses.seed, self.seed);
+        if self.max_distance.is_some() {
+            bake.max_distance_m = self.max_distance;
+        }
+    }
+}
+
+impl FitFlags {
+    /// Edits the recipe's fit, target and precision.
+    pub(crate) fn edit(&self, recipe: &mut Recipe) {
+        let fit = &mut recipe.fit;
+        set(&mut fit.family, self.family);
+        set(&mut fit.inputs, self.inputs);
+        set(&mut fit.outputs, self.outputs);
+        set(&mut fit.frame, self.frame);
+        set(&mut fit.ridge, self.ridge);
+        if self.alpha.is_some() {
+            fit.alpha = self.alpha;
+        }
+        set(&mut recipe.target.on, self.on);
+        set(&mut recipe.output.precision, self.precision);
+    }
+}
+
+impl MeasureFlags {
+    /// Edits the recipe's target.
+    pub(crate) fn edit(&self, recipe: &mut Recipe) {
+        let target = &mut recipe.target;
+        set(&mut target.reference_factor, self.reference_factor);
+        set(&mut target.reference_poses, self.reference_poses);
+        if self.max_error.is_some() {
+            target.max_error = self.max_error;
+        }
+    }
+}
+
+/// The recipe's names for the values of flags.
+macro_rules! names {
+    ($($flag:ident => $name:ident { $($value:ident),* })*) => {
+        $(impl From<$flag> for $name {
+            fn from(flag: $flag) -> Self {
+                match flag {
+                    $($flag::$value => Self::$value),*
+                }
+            }
+        })*
+    };
+}
+
+names! {
+    SignalArg => SignalName { Ao, Visibility, Transfer }
+    FamilyArg => FamilyName { Mean, Linear, PcaLinear }
+    FrameArg => FrameName { Root, Bone }
+    RidgeArg => RidgeName { LeaveOneOut, LeaveOneClipOut, Fixed }
+    OnArg => OnName { Novel, Trained }
+    PrecisionArg => PrecisionName { F32, F16, I8 }
+    ParametrisationArg => ParametrisationName { JointAngles }
+}

@@ -1,0 +1,159 @@
+//! `poselight inspect`: what a scene, data set or model holds.
+
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use crate::cli::args::InspectArgs;
+use crate::cli::{Answer, units};
+use crate::dataset::{Dataset, SPLIT_NAMES};
+use crate::model::Model;
+use crate::pipeline::recipe::Recipe;
+use crate::pipeline::{self, Job, files};
+
+pub(in crate::cli) fn inspect(args: &InspectArgs) -> anyhow::Result<Answer> {
+    if args.file.is_dir() {
+        return dataset(&args.file);
+    }
+    if args.file.extension().is_some_and(|extension| extension == "safetensors") {
+        return model(&args.file);
+    }
+    scene(&args.file)
+}
+
+fn scene(path: &Path) -> anyhow::Result<Answer> {
+    let job = Job::open(path, Recipe::default())?;
+    let plan = pipeline::plan(&job)?;
+    let mesh = &job.scene.mesh;
+    let clips: Vec<Value> = job
+        .scene
+        .clips
+        .iter()
+        .map(|clip| json!({ "name": clip.name, "duration_s": clip.duration_s }))
+        .collect();
+    let parameters = &job.poses.parametrisation;
+    let json = json!({
+        "kind": "scene",
+        "vertices": mesh.positions.len(),
+        "points": job.poses.points.count(),
+        "triangles": mesh.triangles.len(),
+        "parts": mesh.parts.iter().map(|part| &part.name).collect::<Vec<_>>(),
+        "nodes": job.scene.skeleton.nodes.len(),
+        "morph_weights": mesh.weight_names,
+        "size_m": job.poses.size_m,
+        "root": job.poses.root_node.map(|node| &job.scene.skeleton.nodes[node].name),
+        "clips": clips,
+        "parameters": parameters.columns.iter().map(|c| &c.name).collect::<Vec<_>>(),
+        "dropped_parameters": parameters.dropped,
+        "default_bake": { "poses": plan.poses, "rays": plan.rays, "bake_s": plan.bake_s,
+            "disk_bytes": plan.disk_bytes, "memory_bytes": plan.memory_bytes },
+        "notices": super::bake::notices(&job),
+    });
+    Ok(Answer::new(scene_text(&job, &plan), json))
+}
+
+fn scene_text(job: &Job, plan: &pipeline::Plan) -> String {
+    let mesh = &job.scene.mesh;
+    let mut text = format!(
+        "scene: {} vertices ({} distinct), {} triangles, {} parts, {} nodes, {} morph weights, {:.3} m\n",
+        units::count(mesh.positions.len() as u64),
+        units::count(job.poses.points.count() as u64),
+        units::count(mesh.triangles.len() as u64),
+        mesh.parts.len(),
+        job.scene.skeleton.nodes.len(),
+        mesh.weight_names.len(),
+        job.poses.size_m,
+    );
+    for clip in &job.scene.clips {
+        text += &format!("  clip {} {:.2} s\n", clip.name, clip.duration_s);
+    }
+    let parameters = &job.poses.parametrisation;
+    text += &format!(
+        "  {} pose parameters, {} degrees of freedom never move\n",
+        parameters.columns.len(),
+        parameters.dropped.len()
+    );
+    for notice in super::bake::notices(job) {
+        text += &format!("  note: {notice}\n");
+    }
+    text += &format!(
+        "a default bake: {} poses, {} rays, about {}, {} on disk, {} of memory",
+        plan.poses,
+        units::count(plan.rays),
+        units::seconds(plan.bake_s),
+        units::bytes(plan.disk_bytes),
+        units::bytes(plan.memory_bytes),
+    );
+    text
+}
+
+fn dataset(path: &Path) -> anyhow::Result<Answer> {
+    let dataset = Dataset::open(path)?;
+    let (layout, attributes) = (&dataset.header().layout, &dataset.header().attributes);
+    let missing = dataset.missing_blocks().len();
+    let mut splits = serde_json::Map::new();
+    for (index, name) in SPLIT_NAMES.iter().enumerate() {
+        let poses = dataset.splits().iter().filter(|&&split| usize::from(split) == index).count();
+        splits.insert((*name).to_owned(), json!(poses));
+    }
+    let state = if missing == 0 {
+        "complete".to_owned()
+    } else {
+        format!("{missing} of {} blocks missing", layout.blocks())
+    };
+    let text = format!(
+        "data set: {} of order {}, {} poses of {} points ({} vertices), {} parameters, {}\n  splits {}\n  clips {}\n  bake {}",
+        attributes.signal,
+        attributes.order,
+        layout.poses,
+        units::count(layout.points as u64),
+        units::count(layout.vertices as u64),
+        layout.parameters,
+        state,
+        Value::Object(splits.clone()),
+        attributes.clip_names.join(", "),
+        attributes.hashes.get("bake").map_or("none", String::as_str),
+    );
+    let json = json!({
+        "kind": "dataset",
+        "signal": attributes.signal,
+        "order": attributes.order,
+        "poses": layout.poses,
+        "points": layout.points,
+        "vertices": layout.vertices,
+        "parameters": attributes.parameter_names,
+        "clips": attributes.clip_names,
+        "splits": splits,
+        "blocks": layout.blocks(),
+        "missing_blocks": missing,
+        "hashes": attributes.hashes,
+        "recipe": attributes.recipe,
+    });
+    Ok(Answer::new(text, json))
+}
+
+fn model(path: &Path) -> anyhow::Result<Answer> {
+    let bytes = files::read(path, super::MOST_MODEL_BYTES)?;
+    let model = Model::from_bytes(&bytes)?;
+    let header = model.header();
+    let text = format!(
+        "model: {} of {} order {} in the {} frame, {}, {}\n  {} points ({} vertices), {} pose parameters, {} training poses\n  {}",
+        header.family,
+        header.signal,
+        header.order,
+        header.frame,
+        header.precision,
+        units::bytes(bytes.len() as u64),
+        units::count(u64::from(header.mesh.points)),
+        units::count(u64::from(header.mesh.vertices)),
+        header.parameters(),
+        header.training.poses,
+        header.provenance.generator,
+    );
+    let json = json!({
+        "kind": "model",
+        "bytes": bytes.len(),
+        "header": serde_json::to_value(header)?,
+    });
+    Ok(Answer::new(text, json))
+}

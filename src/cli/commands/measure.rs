@@ -1,0 +1,63 @@
+//! `poselight measure`: a model against references.
+
+use serde_json::json;
+
+use crate::cli::args::MeasureArgs;
+use crate::cli::{Answer, units};
+use crate::dataset::Dataset;
+use crate::measure::Measured;
+use crate::model::Model;
+use crate::pipeline::{self, Checked, Watch, files};
+
+pub(in crate::cli) fn measure(args: &MeasureArgs, watch: &Watch) -> anyhow::Result<Answer> {
+    let mut model = Model::from_bytes(&files::read(&args.model, super::MOST_MODEL_BYTES)?)?;
+    let dataset = Dataset::open(&args.dataset)?;
+    let mut recipe = pipeline::recipe_of_model(&model)?;
+    args.measure.edit(&mut recipe);
+    let checked = Checked::new(&recipe)?;
+    let (figures, page) = pipeline::examine(&mut model, &dataset, &recipe, watch)?;
+    if let Some(path) = &args.report {
+        files::publish(path, page.as_bytes())?;
+    }
+    let mut answer = Answer::new(table(&figures.measured), json!({ "figures": figures }));
+    answer.met = pipeline::meets_target(&figures.measured, checked.reference);
+    Ok(answer)
+}
+
+/// The headline figures, a line per split.
+pub(super) fn table(measured: &Measured) -> String {
+    let mut text = String::from(
+        "split         poses   coefficient RMSE   ao error    ao p99   (mean alone: RMSE, ao error)",
+    );
+    for split in &measured.splits {
+        let of = |name: &str| split.candidates.iter().find(|c| c.name == name);
+        let (Some(model), Some(mean)) = (of(&measured.model), of("mean")) else { continue };
+        text += &format!(
+            "\n{:<12} {:>6}   {:>16}   {:>8.4}  {:>8.4}   {:>12}, {:.4}",
+            split.split.name(),
+            split.poses,
+            rms(model.coefficients.rms),
+            model.ao.mean_absolute.value,
+            model.ao.p99,
+            rms(mean.coefficients.rms),
+            mean.ao.mean_absolute.value,
+        );
+        if let Some(worst) = &model.worst {
+            text += &format!(
+                "\n    worst frame: clip {} at {:.2} s ({:.4}); worst vertex: {} of {} ({:.4})",
+                worst.pose.clip,
+                worst.pose.time_s,
+                worst.pose.ao_mae,
+                units::count(u64::from(worst.vertex.place.vertex_in_part)),
+                worst.vertex.place.part,
+                worst.vertex.ao_mae,
+            );
+        }
+    }
+    text
+}
+
+/// A root that noise swallowed has no number.
+fn rms(value: Option<f64>) -> String {
+    value.map_or_else(|| "below noise".to_owned(), |value| format!("{value:.5}"))
+}

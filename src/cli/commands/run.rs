@@ -1,0 +1,43 @@
+//! `poselight run`: bake, fit, measure and report in one.
+
+use serde_json::json;
+
+use crate::cli::args::RunArgs;
+use crate::cli::{Answer, units};
+use crate::pipeline::{self, Job, Watch};
+
+pub(in crate::cli) fn run(args: &RunArgs, watch: &Watch) -> anyhow::Result<Answer> {
+    let mut recipe = super::start(&args.recipe)?;
+    args.poses.edit(&mut recipe);
+    args.bake.edit(&mut recipe);
+    args.fit.edit(&mut recipe);
+    args.measure.edit(&mut recipe);
+    let job = Job::open(&args.scene, recipe)?;
+    let outcome = pipeline::run(&job, &args.output, watch)?;
+    let figures = &outcome.figures;
+    let mut text = super::bake::summary(&job, &outcome.baked);
+    text += &format!(
+        "\n  {} in the {} frame, {} ({}), fitted in {}; {:.0} µs a pose on one core",
+        figures.model.family,
+        figures.model.frame,
+        units::bytes(figures.model.bytes),
+        figures.model.precision,
+        units::seconds(figures.times.fit_s),
+        figures.times.evaluate_us,
+    );
+    if !outcome.made {
+        text += "\n  model and figures were there already";
+    }
+    text += &format!("\n{}", super::measure::table(&figures.measured));
+    text += &format!("\n{}", args.output.join("report.html").display());
+    let json = json!({
+        "output": args.output,
+        "bake": super::bake::figures(&outcome.baked),
+        "figures": serde_json::to_value(figures)?,
+        "notices": super::bake::notices(&job),
+        "target_met": outcome.met,
+    });
+    let mut answer = Answer::new(text, json);
+    answer.met = outcome.met;
+    Ok(answer)
+}

@@ -1,0 +1,114 @@
+//! What can go wrong with a fit, each with its evidence and what to do about it.
+
+use crate::{dataset, num::linalg};
+
+/// Every failure of the fit stage.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The data set could not be read.
+    #[error(transparent)]
+    Dataset(#[from] dataset::Error),
+    /// Nothing to learn from.
+    #[error("there are no training {what}; bake with fewer clips held out, or another scene")]
+    Empty {
+        /// `poses`, `points` or `coefficients`.
+        what: &'static str,
+    },
+    /// A parameter that is NaN or infinite.
+    #[error(
+        "pose parameter `{name}` is {found} at training pose {pose}; a damaged animation or data \
+         set: bake it again, or leave its clip out"
+    )]
+    Parameter {
+        /// Its name.
+        name: String,
+        /// Index among the training poses.
+        pose: usize,
+        /// The value.
+        found: f32,
+    },
+    /// A coefficient that is NaN or infinite.
+    #[error(
+        "coefficient {coefficient} of point {point} is {found} at training pose {pose}; the data \
+         set is damaged: bake it again"
+    )]
+    Value {
+        /// Index among the training poses.
+        pose: usize,
+        /// Index of the point.
+        point: usize,
+        /// Channel × coefficients per channel + coefficient.
+        coefficient: usize,
+        /// The value.
+        found: f32,
+    },
+    /// The regularisation is not a number that can be used.
+    #[error("the ridge's alpha is {found}, expected a finite number of at least 0")]
+    Alpha {
+        /// The value.
+        found: f64,
+    },
+    /// A share outside (0, 1].
+    #[error("the share of {what} to retain is {found}, expected more than 0 and at most 1")]
+    Share {
+        /// `pose variance` or `output energy`.
+        what: &'static str,
+        /// The value.
+        found: f64,
+    },
+    /// More pose dimensions than there are.
+    #[error(
+        "{asked} pose dimensions were asked for, but the {poses} training poses vary in \
+         {available}; ask for 1 to {available}{}", mean_hint(*.available)
+    )]
+    Inputs {
+        /// From the settings.
+        asked: usize,
+        /// Number of training poses.
+        poses: usize,
+        /// Rank of the centred pose parameters.
+        available: usize,
+    },
+    /// More output dimensions than there are.
+    #[error(
+        "{asked} output dimensions were asked for, but the training data have {available}; ask \
+         for 1 to {available}{}", mean_hint(*.available)
+    )]
+    Outputs {
+        /// From the settings.
+        asked: usize,
+        /// Rank of the rows of all poses and coefficients, as far as f32 tells.
+        available: usize,
+    },
+    /// A coefficient count that is no square cannot be turned with a bone.
+    #[error(
+        "the data have {found} coefficients, which are no spherical harmonics of order 1 to 10 \
+         and cannot be turned into bone frames; fit in the root frame"
+    )]
+    Harmonics {
+        /// Coefficients per channel.
+        found: usize,
+    },
+    /// A bone's rotation that is none.
+    #[error(
+        "bone {bone} has the rotation {found:?} at training pose {pose}; the data set is damaged: \
+         bake it again"
+    )]
+    Rotation {
+        /// Index of the bone.
+        bone: usize,
+        /// Index among the training poses.
+        pose: usize,
+        /// The quaternion (x, y, z, w).
+        found: [f32; 4],
+    },
+    /// A factorisation failed.
+    #[error("{0}; please report this with the data set")]
+    NoConvergence(#[from] linalg::NoConvergence),
+}
+
+/// With no dimension at all there is still one family that works.
+fn mean_hint(available: usize) -> &'static str {
+    if available == 0 { " (there is none: use the family `mean`)" } else { "" }
+}

@@ -1,0 +1,148 @@
+//! The ridge that the linear families share: which α, what errors, what solution.
+
+use super::design::{Design, Filter};
+use super::folds::Folds;
+use super::leave_out::{LeaveOut, choose, grid};
+use super::moments::{Absorber, Moments};
+use super::{Error, FitReport, On, Ridge, Settings};
+use crate::model::TrainingSummary;
+
+/// Columns that are absorbed at once, at most; fewer for many poses, to stay in cache.
+const COLUMNS: usize = 1024;
+/// Numbers in such a block of columns.
+const COLUMN_NUMBERS: usize = 1 << 19;
+
+/// The regressors, what is left out, and how α is chosen.
+#[derive(Debug)]
+pub(super) struct Regression<'a> {
+    pub(super) design: &'a Design,
+    pub(super) folds: Option<Folds>,
+    /// The only α there is to try, where it is given.
+    fixed: Option<f64>,
+}
+
+/// The α of choice and the errors that led to it.
+#[derive(Debug)]
+pub(super) struct Choice {
+    pub(super) filter: Filter,
+    /// (α, energy of the errors on what was left out).
+    pub(super) curve: Vec<(f64, f64)>,
+}
+
+impl<'a> Regression<'a> {
+    pub(super) fn new(design: &'a Design, clips: &[i32], settings: &Settings) -> Self {
+        let (fixed, ridge) = match (settings.on, settings.ridge) {
+            (On::Trained, _) => (Some(0.0), None),
+            (On::Novel, Ridge::Fixed(alpha)) => (Some(alpha), Some(settings.ridge)),
+            (On::Novel, ridge) => (None, Some(ridge)),
+        };
+        // Without a direction every fit is the mean, and there is nothing to choose.
+        let folds = ridge.filter(|_| design.rank() > 0);
+        let folds = folds.and_then(|ridge| Folds::new(design, clips, ridge));
+        Self { design, folds, fixed }
+    }
+
+    pub(super) fn absorber(&self) -> Absorber<'_> {
+        Absorber::new(self.design, self.folds.as_ref())
+    }
+
+    pub(super) fn moments(&self) -> Moments {
+        Moments::new(self.design, self.folds.as_ref())
+    }
+
+    /// How many columns to absorb at once.
+    pub(super) fn columns(&self) -> usize {
+        (COLUMN_NUMBERS / self.design.poses()).clamp(16, COLUMNS)
+    }
+
+    /// The α with the least error on what is left out, using the first `inputs` directions.
+    /// Where not all are used, they are found anew without each group.
+    pub(super) fn choose(&self, moments: &Moments, inputs: usize) -> Result<Choice, Error> {
+        let alphas = self.fixed.map_or_else(|| grid(self.design), |alpha| vec![alpha]);
+        let filters: Vec<Filter> = alphas.iter().map(|&alpha| Filter { alpha, inputs }).collect();
+        let Some(folds) = &self.folds else {
+            let alpha = self.fixed.unwrap_or(0.0);
+            return Ok(Choice { filter: Filter { alpha, inputs }, curve: Vec::new() });
+        };
+        let leave_out = LeaveOut { design: self.design, folds, moments };
+        let truncated = inputs < self.design.rank();
+        let energies = if truncated && folds.folds.len() <= MOST_REFITS {
+            leave_out.refitted_energies(&filters)?
+        } else {
+            leave_out.energies(&filters)?
+        };
+        let best = choose(&energies);
+        let curve = alphas.into_iter().zip(energies).collect();
+        Ok(Choice { filter: filters[best].clone(), curve })
+    }
+
+    /// The cloud of poses in the first `inputs` directions; `with_directions` for families that
+    /// store no projection.
+    pub(super) fn summary(&self, inputs: usize, with_directions: bool) -> TrainingSummary {
+        summary(self.design, inputs, with_directions)
+    }
+
+    /// What the report says about the regression; `columns` is the number of outputs per pose,
+    /// and `outside` the energy of the outputs that the regression never saw.
+    pub(super) fn report(
+        &self,
+        choice: &Choice,
+        moments: &Moments,
+        columns: usize,
+        outside: f64,
+    ) -> FitReport {
+        let numbers = (self.design.poses() * columns) as f64;
+        let rms = |energy: f64| ((energy + outside).max(0.0) / numbers).sqrt();
+        let left = choice.filter.left(&self.design.s);
+        let mut notices = Vec::new();
+        if self.design.rank() == 0 {
+            notices.push(
+                "the training poses do not vary: the model is their mean, and the family `mean` \
+                 says the same in fewer bytes"
+                    .to_owned(),
+            );
+        }
+        if let (Some((largest, _)), None) = (choice.curve.last(), self.fixed)
+            && *largest == choice.filter.alpha
+        {
+            notices.push(format!(
+                "leaving out {} chose the largest alpha that was tried: the pose parameters \
+                 predict what was left out hardly better than the mean does",
+                self.left_out()
+            ));
+        }
+        FitReport {
+            alpha: Some(choice.filter.alpha),
+            alphas: choice.curve.iter().map(|&(alpha, energy)| (alpha, rms(energy))).collect(),
+            left_out: self.left_out().to_owned(),
+            training_rmse: rms(moments.training_energy(self.design, &left)),
+            spread_rms: rms(moments.total),
+            degrees_of_freedom: choice.filter.degrees_of_freedom(&self.design.s),
+            inputs: choice.filter.inputs,
+            pose_spectrum: self.design.variances(),
+            notices,
+            ..FitReport::default()
+        }
+    }
+
+    fn left_out(&self) -> &str {
+        self.folds.as_ref().map_or("", |folds| &folds.description)
+    }
+}
+
+/// Groups beyond which the principal directions are not found anew without each of them.
+const MOST_REFITS: usize = 64;
+
+/// The cloud of training poses in the first `inputs` principal directions.
+pub(super) fn summary(design: &Design, inputs: usize, with_directions: bool) -> TrainingSummary {
+    let degrees = design.poses().saturating_sub(1).max(1) as f64;
+    let directions = design.directions(inputs);
+    let flat = directions.row_iter().flat_map(|row| row.iter().map(|&x| x as f32));
+    TrainingSummary {
+        poses: u32::try_from(design.poses()).unwrap_or(u32::MAX),
+        centre: design.centre.iter().map(|&x| x as f32).collect(),
+        deviations: design.s[..inputs].iter().map(|s| (s / degrees.sqrt()) as f32).collect(),
+        residual_rms: design.residual_rms(inputs) as f32,
+        directions: if with_directions { flat.collect() } else { Vec::new() },
+    }
+}

@@ -1,0 +1,147 @@
+//! The training data as a stream of blocks of points, in the frame of the fit.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::frame::{self, BoneFrame};
+use super::{Error, Frame};
+use crate::dataset::Training;
+
+/// Numbers in a block, at most, where more than one point fits: small enough that a few blocks
+/// per thread are nothing beside a model, large enough that products run at full speed.
+const BLOCK_NUMBERS: usize = 1 << 21;
+/// Points in a block, at most.
+const BLOCK_POINTS: usize = 1 << 12;
+
+/// A training set in the frame of the fit.
+///
+/// *Invariant:* blocks depend on the sizes of the data alone, and what is computed from blocks is
+/// combined in their order. How many are in memory at once changes no byte.
+#[derive(Debug)]
+pub(super) struct Source<'a> {
+    training: &'a Training<'a>,
+    frame: Option<BoneFrame<'a>>,
+    block_points: usize,
+    in_flight: usize,
+}
+
+/// A block of points at all poses.
+#[derive(Debug, Default)]
+pub(super) struct Block {
+    /// The points.
+    pub(super) points: Range<usize>,
+    /// `[pose, point, channel, coefficient]`.
+    pub(super) values: Vec<f32>,
+    scratch: frame::Scratch,
+}
+
+impl<'a> Source<'a> {
+    pub(super) fn new(training: &'a Training<'a>, frame: Frame) -> Result<Self, Error> {
+        let sizes = [
+            ("poses", training.poses()),
+            ("points", training.points()),
+            ("coefficients", training.channels() * training.coefficients()),
+        ];
+        if let Some((what, _)) = sizes.into_iter().find(|(_, size)| *size == 0) {
+            return Err(Error::Empty { what });
+        }
+        let frame = match frame {
+            Frame::Root => None,
+            Frame::Bone => BoneFrame::new(training)?,
+        };
+        let numbers = training.poses() * training.channels() * training.coefficients();
+        let block_points = (BLOCK_NUMBERS / numbers).clamp(1, BLOCK_POINTS);
+        let in_flight = 2 * rayon::current_num_threads();
+        Ok(Self { training, frame, block_points, in_flight })
+    }
+
+    /// p.
+    pub(super) fn poses(&self) -> usize {
+        self.training.poses()
+    }
+
+    /// v.
+    pub(super) fn points(&self) -> usize {
+        self.training.points()
+    }
+
+    /// Numbers per point and pose, c: channels × coefficients.
+    pub(super) fn width(&self) -> usize {
+        self.training.channels() * self.training.coefficients()
+    }
+
+    /// Calls `use_blocks` with the blocks of all points, in order, a few at a time.
+    pub(super) fn for_each_batch(
+        &self,
+        mut use_blocks: impl FnMut(&mut [Block]) -> Result<(), Error>,
+    ) -> Result<(), Error> {
+        let points = self.points();
+        let count = points.div_ceil(self.block_points);
+        let mut blocks: Vec<Block> = Vec::new();
+        blocks.resize_with(self.in_flight.min(count), Block::default);
+        for start in (0..count).step_by(self.in_flight) {
+            let blocks = &mut blocks[..self.in_flight.min(count - start)];
+            blocks.par_iter_mut().enumerate().try_for_each(|(i, block)| {
+                let first = (start + i) * self.block_points;
+                self.read(first..points.min(first + self.block_points), block)
+            })?;
+            use_blocks(blocks)?;
+        }
+        Ok(())
+    }
+
+    /// Maps blocks on all threads and folds what comes out in the order of the points.
+    pub(super) fn map_fold<T: Send>(
+        &self,
+        map: impl Fn(&Block) -> Result<T, Error> + Sync,
+        mut fold: impl FnMut(&Block, T),
+    ) -> Result<(), Error> {
+        self.for_each_batch(|blocks| {
+            let mapped: Vec<T> = blocks.par_iter().map(&map).collect::<Result<_, Error>>()?;
+            blocks.iter().zip(mapped).for_each(|(block, value)| fold(block, value));
+            Ok(())
+        })
+    }
+
+    fn read(&self, points: Range<usize>, block: &mut Block) -> Result<(), Error> {
+        block.points = points.clone();
+        block.values.resize(self.poses() * points.len() * self.width(), 0.0);
+        self.training.read_points(points.clone(), &mut block.values)?;
+        self.check(block)?;
+        if let Some(frame) = &self.frame {
+            frame.turn(points.start, &mut block.values, points.len(), &mut block.scratch);
+        }
+        Ok(())
+    }
+
+    fn check(&self, block: &Block) -> Result<(), Error> {
+        // No early exit, so that the loop is a plain reduction.
+        if block.values.iter().fold(true, |finite, x| finite & x.is_finite()) {
+            return Ok(());
+        }
+        let at = block.values.iter().position(|x| !x.is_finite()).expect("one is not finite");
+        let (width, points) = (self.width(), block.points.len());
+        Err(Error::Value {
+            pose: at / (points * width),
+            point: block.points.start + at / width % points,
+            coefficient: at % width,
+            found: block.values[at],
+        })
+    }
+
+    /// As made by `new`, with another number of blocks in memory at once.
+    #[cfg(test)]
+    pub(super) fn with_in_flight(mut self, in_flight: usize) -> Self {
+        self.in_flight = in_flight;
+        self
+    }
+}
+
+impl Block {
+    /// The coefficients of one pose, `[point, channel, coefficient]`.
+    pub(super) fn pose(&self, pose: usize, poses: usize) -> &[f32] {
+        let size = self.values.len() / poses;
+        &self.values[pose * size..(pose + 1) * size]
+    }
+}

@@ -1,0 +1,108 @@
+//! Error over the frames of a held-out clip, over the references' noise.
+
+use super::svg::{Axis, Plot};
+use super::text::{escape, number};
+use crate::measure::{CandidateMeasured, Kind, Measured, SplitMeasured};
+
+/// Most clips that are drawn; the JSON document holds all.
+const MOST_CLIPS: usize = 6;
+/// Up to so many frames each gets a dot.
+const DOTTED: usize = 80;
+
+/// One figure per clip of the headline split.
+pub(super) fn figures(measured: &Measured) -> String {
+    let Some(split) = measured.headline.and_then(|s| measured.split(s)) else {
+        return String::new();
+    };
+    let clips = split.clips.len();
+    let mut out: String = (0..clips.min(MOST_CLIPS)).map(|c| figure(split, c)).collect();
+    if clips > MOST_CLIPS {
+        out.push_str(&format!(
+            "<p class=\"note\">{} more clips are in the measurement's JSON.</p>",
+            clips - MOST_CLIPS
+        ));
+    }
+    out
+}
+
+/// Identifiers of the figures' titles.
+const IDS: [&str; MOST_CLIPS] = ["curve0", "curve1", "curve2", "curve3", "curve4", "curve5"];
+
+fn figure(split: &SplitMeasured, clip: usize) -> String {
+    let frames = &split.frames;
+    let at: Vec<usize> = (0..frames.clip.len()).filter(|&i| frames.clip[i] == clip).collect();
+    let series = |values: &[f64]| -> Vec<(f64, f64)> {
+        at.iter().map(|&i| (frames.time_s[i], values[i])).collect()
+    };
+    let drawn: Vec<(&CandidateMeasured, Vec<(f64, f64)>)> = split
+        .candidates
+        .iter()
+        .filter(|c| matches!(c.kind, Kind::Model | Kind::Baseline))
+        .map(|c| (c, series(&c.frame_ao_mae)))
+        .collect();
+    let noise = series(&frames.ao_noise_mae);
+    let (Some(first), Some(last)) = (noise.first(), noise.last()) else { return String::new() };
+    let top = drawn.iter().flat_map(|d| &d.1).chain(&noise).map(|p| p.1).fold(0.0, f64::max);
+    let axes = (Axis::linear(first.0, last.0), Axis::from_zero(top * 1.04));
+    let mut plot = Plot::new(IDS[clip], (960.0, 300.0), axes);
+    plot.grid("seconds into the clip", "mean |error| of ambient occlusion");
+    plot.area("noise", &noise);
+    for (candidate, points) in &drawn {
+        let class = class(candidate.kind);
+        plot.line(class, points.iter().copied());
+        if points.len() <= DOTTED {
+            for &(t, e) in points {
+                let hint = format!("{}: {} at {} s", candidate.name, number(e, 3), number(t, 3));
+                plot.dot(class, (t, e), &hint);
+            }
+        }
+    }
+    if let Some((model, points)) = drawn.iter().find(|d| d.0.kind == Kind::Model) {
+        mark_worst(&mut plot, points, &model.name);
+    }
+    let caption = caption(split, clip, at.len());
+    let legend: String = drawn
+        .iter()
+        .map(|(c, _)| legend(class(c.kind), &c.name))
+        .chain([legend("noise", "noise of the reference")])
+        .collect();
+    let svg = plot.finish(&format!("Error over {}", split.clips[clip]), &caption);
+    format!(
+        "<figure class=\"wide\"><p class=\"legend\">{legend}</p><div class=\"scroll\" tabindex=\"0\">{svg}</div><figcaption>{}</figcaption></figure>",
+        escape(&caption)
+    )
+}
+
+pub(super) fn class(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Model => "model",
+        Kind::Baseline => "mean",
+        Kind::Precision | Kind::Other => "other",
+    }
+}
+
+/// One entry of a legend: a swatch and a name.
+pub(super) fn legend(class: &str, name: &str) -> String {
+    format!("<span class=\"key {class}\"><i></i>{}</span>", escape(name))
+}
+
+fn mark_worst(plot: &mut Plot, points: &[(f64, f64)], name: &str) {
+    let Some(&worst) = points.iter().max_by(|a, b| a.1.total_cmp(&b.1)) else { return };
+    plot.dot("worst", worst, &format!("worst frame of {name}"));
+    let left = plot.px(worst.0) > 800.0;
+    let (dx, anchor) = if left { (-8.0, "end") } else { (8.0, "start") };
+    let text = format!("worst: {} at {} s", number(worst.1, 3), number(worst.0, 3));
+    plot.label("", worst, (dx, -8.0), (anchor, &text));
+}
+
+fn caption(split: &SplitMeasured, clip: usize, frames: usize) -> String {
+    let name = match split.clips[clip].as_str() {
+        "" => "the static pose",
+        name => name,
+    };
+    format!(
+        "Clip “{name}” ({}), {frames} measured frames: mean over the mesh of the absolute error of \
+         ambient occlusion. Inside the grey area an error cannot be told from the reference’s noise.",
+        split.split.name()
+    )
+}

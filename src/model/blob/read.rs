@@ -1,0 +1,158 @@
+//! Bytes → model, trusting nothing.
+
+use std::collections::BTreeMap;
+
+use safetensors::tensor::TensorInfo;
+use safetensors::{Dtype, SafeTensors};
+use serde::Deserialize;
+
+use super::super::header::{limits, within};
+use super::super::{Error, FORMAT_VERSION, Family, Frame, Header, Model, Precision, Shape};
+use super::layout::{
+    BASIS, BONE_OF_POINT, DIRECTIONS, Entry, POINT_OF_VERTEX, PROJECTION, decoder, entries,
+    index_dtype, number_dtype,
+};
+use super::quantise::{decode, f32_values, index_values};
+
+/// The tensors of a file that have not been read yet.
+struct Tensors<'a> {
+    infos: BTreeMap<String, TensorInfo>,
+    data: &'a [u8],
+}
+
+/// The only field that every version has.
+#[derive(Deserialize)]
+struct Version {
+    format_version: u32,
+}
+
+pub(super) fn read(bytes: &[u8]) -> Result<Model, Error> {
+    let (mut header, mut tensors) = open(bytes)?;
+    header.check()?;
+    let shape = shape(&header, &tensors)?;
+    let arrays = entries(header.family, &shape)
+        .iter()
+        .map(|entry| tensors.numbers(entry, header.precision))
+        .collect::<Result<Vec<_>, _>>()?;
+    let directions = header.training.deviations.len();
+    if header.family != Family::PcaLinear && directions > 0 {
+        let bytes = tensors.take(DIRECTIONS, Dtype::F32, &[shape.parameters, directions])?;
+        header.training.directions = f32_values(bytes);
+    }
+    let vertices = header.mesh.vertices as usize;
+    let point_of_vertex = tensors.indices(POINT_OF_VERTEX, vertices, shape.points)?;
+    let bone_of_point = match header.frame {
+        Frame::Root => Vec::new(),
+        Frame::Bone => {
+            let bones = tensors.indices(BONE_OF_POINT, shape.points, header.rig.bones.len())?;
+            // More bones than 16 bits name would have been refused with the header.
+            bones.into_iter().map(|bone| bone as u16).collect()
+        }
+    };
+    tensors.finish()?;
+    let decoder = decoder(header.family, arrays);
+    Model::new(header, decoder, point_of_vertex, bone_of_point)
+}
+
+/// The header, parsed but not checked, and the tensors.
+fn open(bytes: &[u8]) -> Result<(Header, Tensors<'_>), Error> {
+    if let Some(&length) = bytes.first_chunk() {
+        within("the header's length in bytes", u64::from_le_bytes(length), limits::HEADER_BYTES)?;
+    }
+    let (length, metadata) = SafeTensors::read_metadata(bytes)
+        .map_err(|error| Error::NotSafetensors { reason: error.to_string() })?;
+    let json = metadata
+        .metadata()
+        .as_ref()
+        .and_then(|metadata| metadata.get("poselight"))
+        .ok_or(Error::NotPoselight)?;
+    let reason = |error: serde_json::Error| Error::Header { reason: error.to_string() };
+    let Version { format_version: found } = serde_json::from_str(json).map_err(reason)?;
+    if found != FORMAT_VERSION {
+        return Err(Error::Version { found, supported: FORMAT_VERSION });
+    }
+    let header = serde_json::from_str(json).map_err(reason)?;
+    let infos = metadata.tensors().into_iter().map(|(name, info)| (name, info.clone())).collect();
+    Ok((header, Tensors { infos, data: &bytes[8 + length..] }))
+}
+
+/// The shape that the header states, with the reduced dimensions that only the tensors state.
+fn shape(header: &Header, tensors: &Tensors<'_>) -> Result<Shape, Error> {
+    let mut shape = Shape {
+        points: header.mesh.points as usize,
+        width: header.width(),
+        parameters: header.parameters(),
+        inputs: 0,
+        outputs: 0,
+    };
+    if header.family == Family::PcaLinear {
+        shape.inputs = tensors.columns(PROJECTION)?;
+        shape.outputs = tensors.columns(BASIS)?;
+        within("input dimensions", shape.inputs as u64, shape.parameters as u64)?;
+        within("output dimensions", shape.outputs as u64, limits::OUTPUTS)?;
+    }
+    Ok(shape)
+}
+
+impl<'a> Tensors<'a> {
+    /// The second dimension of a matrix.
+    fn columns(&self, name: &str) -> Result<usize, Error> {
+        let info = self.infos.get(name).ok_or_else(|| missing(name))?;
+        match info.shape[..] {
+            [_, columns] => Ok(columns),
+            _ => Err(Error::TensorShape {
+                name: name.to_owned(),
+                expected: "a matrix".to_owned(),
+                found: describe(info.dtype, &info.shape),
+            }),
+        }
+    }
+
+    /// The bytes of a tensor of exactly this type and shape.
+    fn take(&mut self, name: &str, dtype: Dtype, shape: &[usize]) -> Result<&'a [u8], Error> {
+        let info = self.infos.remove(name).ok_or_else(|| missing(name))?;
+        if info.dtype != dtype || info.shape != shape {
+            return Err(Error::TensorShape {
+                name: name.to_owned(),
+                expected: describe(dtype, shape),
+                found: describe(info.dtype, &info.shape),
+            });
+        }
+        // Offsets agree with type and shape and lie within the file: checked by `read_metadata`.
+        let (start, end) = info.data_offsets;
+        Ok(&self.data[start..end])
+    }
+
+    fn numbers(&mut self, entry: &Entry, precision: Precision) -> Result<Vec<f32>, Error> {
+        let bytes = self.take(entry.name, number_dtype(precision), &entry.shape)?;
+        let scales = match precision {
+            Precision::F32 | Precision::F16 => Vec::new(),
+            Precision::I8 => {
+                f32_values(self.take(&entry.scale_name(), Dtype::F32, &entry.scale_shape())?)
+            }
+        };
+        Ok(decode(entry, bytes, &scales, precision))
+    }
+
+    /// Indices below `below`, in the smallest type that holds them; the model checks the range.
+    fn indices(&mut self, name: &str, count: usize, below: usize) -> Result<Vec<u32>, Error> {
+        let (dtype, size) = index_dtype(below);
+        Ok(index_values(self.take(name, dtype, &[count])?, size))
+    }
+
+    /// Nothing may be left over.
+    fn finish(&self) -> Result<(), Error> {
+        match self.infos.keys().next() {
+            Some(name) => Err(Error::UnexpectedTensor { name: name.clone() }),
+            None => Ok(()),
+        }
+    }
+}
+
+fn missing(name: &str) -> Error {
+    Error::MissingTensor { name: name.to_owned() }
+}
+
+fn describe(dtype: Dtype, shape: &[usize]) -> String {
+    format!("{dtype} {shape:?}")
+}

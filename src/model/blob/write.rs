@@ -1,0 +1,83 @@
+//! Model → bytes.
+
+use std::borrow::Cow;
+use std::collections::HashMap;
+
+use safetensors::{Dtype, View};
+
+use super::super::header::{limits, within};
+use super::super::{Error, Header, Model, Precision};
+use super::layout::{
+    BONE_OF_POINT, DIRECTIONS, POINT_OF_VERTEX, arrays, entries, index_dtype, number_dtype,
+};
+use super::quantise::{encode, f32_bytes, index_bytes};
+
+/// A tensor on its way into the file.
+struct Tensor {
+    dtype: Dtype,
+    shape: Vec<usize>,
+    bytes: Vec<u8>,
+}
+
+impl View for Tensor {
+    fn dtype(&self) -> Dtype {
+        self.dtype
+    }
+    fn shape(&self) -> &[usize] {
+        &self.shape
+    }
+    fn data(&self) -> Cow<'_, [u8]> {
+        Cow::Borrowed(&self.bytes)
+    }
+    fn data_len(&self) -> usize {
+        self.bytes.len()
+    }
+}
+
+pub(super) fn write(model: &Model, precision: Precision) -> Result<Vec<u8>, Error> {
+    let header = Header { precision, ..model.header().clone() };
+    let json = serde_json::to_string(&header)
+        .map_err(|error| Error::Header { reason: error.to_string() })?;
+    // One key only: the order of a hash map's keys must not reach the bytes.
+    let metadata = HashMap::from([("poselight".to_owned(), json)]);
+    let bytes = safetensors::serialize(tensors(model, precision)?, Some(metadata))
+        .map_err(|error| Error::NotSafetensors { reason: error.to_string() })?;
+    let length = bytes.first_chunk().map_or(0, |&length| u64::from_le_bytes(length));
+    within("the header's length in bytes", length, limits::HEADER_BYTES)?;
+    Ok(bytes)
+}
+
+fn tensors(model: &Model, precision: Precision) -> Result<Vec<(String, Tensor)>, Error> {
+    let (shape, header) = (model.shape(), model.header());
+    let decoder = model.decoder();
+    let mut tensors = Vec::new();
+    for (entry, values) in entries(header.family, &shape).into_iter().zip(arrays(&decoder)) {
+        let encoded = encode(&entry, values, precision)?;
+        if precision == Precision::I8 {
+            let bytes = f32_bytes(&encoded.scales);
+            let scales = Tensor { dtype: Dtype::F32, shape: entry.scale_shape(), bytes };
+            tensors.push((entry.scale_name(), scales));
+        }
+        let dtype = number_dtype(precision);
+        let tensor = Tensor { dtype, shape: entry.shape, bytes: encoded.bytes };
+        tensors.push((entry.name.to_owned(), tensor));
+    }
+    let directions = &header.training.directions;
+    if !directions.is_empty() {
+        let shape = vec![shape.parameters, header.training.deviations.len()];
+        let bytes = f32_bytes(directions);
+        tensors.push((DIRECTIONS.to_owned(), Tensor { dtype: Dtype::F32, shape, bytes }));
+    }
+    let mut index = |name: &str, count, indices: Vec<u32>| {
+        let (dtype, size) = index_dtype(count);
+        let shape = vec![indices.len()];
+        let bytes = index_bytes(indices.into_iter(), size);
+        tensors.push((name.to_owned(), Tensor { dtype, shape, bytes }));
+    };
+    index(POINT_OF_VERTEX, shape.points, model.point_of_vertex().to_vec());
+    if !model.bone_of_point().is_empty() {
+        let bones = model.bone_of_point().iter().map(|&bone| u32::from(bone)).collect();
+        index(BONE_OF_POINT, header.rig.bones.len(), bones);
+    }
+    Ok(tensors)
+}

@@ -1,0 +1,231 @@
+//! Light folding: contract the model with a light once, then every frame costs one number per
+//! point and colour instead of n² (MATH.md §5).
+
+use glam::Quat;
+
+use super::evaluate::{check_length, features};
+use super::fitted::Core;
+use super::header::check_finite;
+use super::{Error, Model, Shape, Signal};
+use crate::num::cpu::Isa;
+use crate::num::kernels::{Layout, multiply, multiply_grouped};
+use crate::num::panels::Panels;
+use crate::sh::{MAX_COEFFICIENTS, Rotation};
+
+/// A model contracted with a light that stands still in the model's frame.
+#[derive(Debug, Clone)]
+pub struct Folded {
+    model: Model,
+    colours: usize,
+    /// `mean` and `linear`: rows `[point, colour]`, inner as in the model. `pca-linear`: rows
+    /// `[d_out, colour]`, or `[colour, bone, d_out]` where the axes turn with bones; inner d_in+1.
+    factors: Panels,
+}
+
+/// A light as the model meets it: in the frame of each bone, or once where nothing turns.
+struct Lights {
+    /// Numbers per point: the larger one of the model's channels and the light's colours.
+    colours: usize,
+    /// Colours of the light, 1 or 3.
+    given: usize,
+    /// Channels of the model, 1 or 3.
+    channels: usize,
+    /// n².
+    count: usize,
+    /// `[bone, colour given, coefficient]`.
+    values: Vec<f32>,
+}
+
+impl Lights {
+    /// The light of one colour dotted with a transfer vector, of which `value` tells entry
+    /// `[channel, coefficient]`. One channel serves all colours, one colour lights all channels.
+    fn dot(&self, bone: usize, colour: usize, value: impl Fn(usize) -> f32) -> f32 {
+        let first = (bone * self.given + colour.min(self.given - 1)) * self.count;
+        let channel = colour.min(self.channels - 1) * self.count;
+        let light = &self.values[first..first + self.count];
+        light.iter().enumerate().map(|(c, l)| l * value(channel + c)).sum()
+    }
+}
+
+impl Model {
+    /// Contracts the model with a light, once; then [`Folded::evaluate`] gives for every frame
+    /// what `evaluate` and a dot product with the light would: outgoing radiance over albedo.
+    ///
+    /// `light` holds n² coefficients of incoming radiance for each of 1 or 3 colours,
+    /// `[colour, coefficient]`, in the root frame; for `ao` that is the ambient colour itself.
+    /// Where the coefficients' axes turn with bones, `bone_rotations` says how the bones are
+    /// turned, and the result holds as long as the light stands still in the frame of each; a
+    /// light that stands still in the scene while bones move is [`shade`](Self::shade)'s.
+    /// Otherwise they are not looked at.
+    ///
+    /// Costs d_out · (d_in + 1) · c multiply-adds per bone for `pca-linear`, points · c · (a + 1)
+    /// for `linear`, points · c for `mean`.
+    ///
+    /// # Errors
+    /// [`Error::CannotFold`] for `visibility`; [`Error::Length`], [`Error::NotFinite`],
+    /// [`Error::NoRotation`].
+    pub fn fold(&self, light: &[f32], bone_rotations: &[Quat]) -> Result<Folded, Error> {
+        let lights = self.lights(light, bone_rotations)?;
+        let Shape { points, width, inputs, outputs, .. } = self.shape;
+        let colours = lights.colours;
+        let bone = |point: usize| self.bone(point);
+        let factors = match &*self.core {
+            Core::Mean(mean) => Panels::new(points * colours, 1, |row, _| {
+                let (point, colour) = (row / colours, row % colours);
+                lights.dot(bone(point), colour, |c| mean[point * width + c])
+            }),
+            Core::Linear(panels) => Panels::new(points * colours, panels.inner(), |row, j| {
+                let (point, colour) = (row / colours, row % colours);
+                lights.dot(bone(point), colour, |c| panels.at(point * width + c, j))
+            }),
+            Core::PcaLinear { coefficients, .. } => {
+                let count = self.light_count() * colours * outputs;
+                Panels::new(count, inputs + 1, |row, k| {
+                    let (bone, colour, j) = self.factor_row(row, colours);
+                    lights.dot(bone, colour, |c| coefficients.at(j * width + c, k))
+                })
+            }
+        };
+        Ok(Folded { model: self.clone(), colours, factors })
+    }
+
+    /// One frame under a light that turns against the model's frame: `[point, colour]`, the same
+    /// as `fold` and evaluate, in one step and at the least cost for a single frame.
+    ///
+    /// `pca-linear` contracts its reduced coefficients, d_out · c multiply-adds per bone; the
+    /// other families evaluate all coefficients and dot them with their bone's light.
+    ///
+    /// # Errors
+    /// As [`fold`](Self::fold) and [`evaluate`](Self::evaluate).
+    pub fn shade(
+        &self,
+        parameters: &[f32],
+        light: &[f32],
+        bone_rotations: &[Quat],
+        out: &mut [f32],
+    ) -> Result<(), Error> {
+        self.check_parameters(parameters)?;
+        let lights = self.lights(light, bone_rotations)?;
+        let (colours, width) = (lights.colours, self.shape.width);
+        check_length("output", out.len(), self.shape.points * colours)?;
+        if let Core::PcaLinear { .. } = &*self.core {
+            let reduced = self.reduced(Isa::best(), parameters);
+            let rows = self.light_count() * colours * self.shape.outputs;
+            let factors: Vec<f32> = (0..rows)
+                .map(|row| {
+                    let (bone, colour, j) = self.factor_row(row, colours);
+                    let reduced = &reduced[j * width..(j + 1) * width];
+                    lights.dot(bone, colour, |c| reduced[c])
+                })
+                .collect();
+            self.expand(&factors, colours, out);
+            return Ok(());
+        }
+        let mut coefficients = vec![0.0; self.shape.points * width];
+        self.evaluate(parameters, None, &mut coefficients)?;
+        for (i, out) in out.iter_mut().enumerate() {
+            let (point, colour) = (i / colours, i % colours);
+            let coefficients = &coefficients[point * width..(point + 1) * width];
+            *out = lights.dot(self.bone(point), colour, |c| coefficients[c]);
+        }
+        Ok(())
+    }
+
+    /// The number of frames in which a light is needed: one per bone, or one.
+    fn light_count(&self) -> usize {
+        if self.turns_with_bones() { self.rig.bones.nodes.len() } else { 1 }
+    }
+
+    /// Index of the light that a point meets.
+    fn bone(&self, point: usize) -> usize {
+        if self.turns_with_bones() { usize::from(self.bone_of_point[point]) } else { 0 }
+    }
+
+    /// Bone, colour and output dimension of a row of `pca-linear`'s factors.
+    fn factor_row(&self, row: usize, colours: usize) -> (usize, usize, usize) {
+        let outputs = self.shape.outputs;
+        if self.turns_with_bones() {
+            let (group, j) = (row / outputs, row % outputs);
+            (group % self.light_count(), group / self.light_count(), j)
+        } else {
+            (0, row % colours, row / colours)
+        }
+    }
+
+    /// The vertex basis of `pca-linear` times its folded factors: `[point, colour]`.
+    fn expand(&self, factors: &[f32], colours: usize, out: &mut [f32]) {
+        let Core::PcaLinear { basis, groups, .. } = &*self.core else { return };
+        let isa = Isa::best();
+        let Some(groups) = groups else {
+            return multiply(isa, basis, factors, colours, Layout::Rows, out);
+        };
+        let per_colour = factors.len() / colours;
+        if colours == 1 {
+            return multiply_grouped(isa, basis, groups, factors, out);
+        }
+        let mut plane = vec![0.0; self.shape.points];
+        for (colour, factors) in factors.chunks_exact(per_colour).enumerate() {
+            multiply_grouped(isa, basis, groups, factors, &mut plane);
+            for (out, &value) in out.iter_mut().skip(colour).step_by(colours).zip(&plane) {
+                *out = value;
+            }
+        }
+    }
+
+    fn lights(&self, light: &[f32], bone_rotations: &[Quat]) -> Result<Lights, Error> {
+        if self.header.signal == Signal::Visibility {
+            return Err(Error::CannotFold { signal: self.header.signal });
+        }
+        let count = self.header.coefficients();
+        let given = if light.len() == 3 * count { 3 } else { 1 };
+        check_length("light", light.len(), given * count)?;
+        check_finite("light", light)?;
+        let channels = usize::from(self.header.channels);
+        let mut lights =
+            Lights { colours: given.max(channels), given, channels, count, values: light.to_vec() };
+        if self.turns_with_bones() {
+            self.check_bone_rotations(bone_rotations)?;
+            lights.values.clear();
+            let mut rotation = Rotation::identity(self.header.sh_order());
+            let mut turned = [0.0; MAX_COEFFICIENTS];
+            for bone in bone_rotations {
+                rotation.set(bone.conjugate());
+                for colour in light.chunks_exact(count) {
+                    rotation.apply(colour, &mut turned);
+                    lights.values.extend_from_slice(&turned[..count]);
+                }
+            }
+        }
+        Ok(lights)
+    }
+}
+
+impl Folded {
+    /// Numbers per point: 1, or 3 where light or model has colours.
+    #[must_use]
+    pub fn colours(&self) -> usize {
+        self.colours
+    }
+
+    /// Outgoing radiance over albedo, `[point, colour]`, of all points.
+    ///
+    /// # Errors
+    /// [`Error::Length`], [`Error::NotFinite`] parameters.
+    pub fn evaluate(&self, parameters: &[f32], out: &mut [f32]) -> Result<(), Error> {
+        self.model.check_parameters(parameters)?;
+        check_length("output", out.len(), self.model.shape.points * self.colours)?;
+        let features = match &*self.model.core {
+            Core::Mean(_) => vec![1.0],
+            core => features(core, &self.model.header.training.centre, parameters),
+        };
+        let isa = Isa::best();
+        if let Core::PcaLinear { .. } = &*self.model.core {
+            let mut factors = vec![0.0; self.factors.rows()];
+            multiply(isa, &self.factors, &features, 1, Layout::Rows, &mut factors);
+            self.model.expand(&factors, self.colours, out);
+        } else {
+            multiply(isa, &self.factors, &features, 1, Layout::Rows, out);
+        }
+        Ok(())
+    }
+}

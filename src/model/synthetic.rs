@@ -1,0 +1,163 @@
+//! Small models with every feature of the format, for the tests of this module.
+
+use glam::{Quat, Vec3};
+
+use super::{
+    Decoder, Family, Frame, Header, MeshIdentity, Model, PartRange, Precision, Provenance,
+    RigHeader, Signal, TrainingSummary,
+};
+use crate::num::random::Stream;
+use crate::rig::{Bones, Column, JointAngles, Node, Skeleton, Source, Transform};
+
+/// Points, vertices and parameters of every model here.
+pub(super) const POINTS: usize = 37;
+pub(super) const VERTICES: usize = 40;
+pub(super) const PARAMETERS: usize = 6;
+
+/// Numbers in [-1, 1) that only depend on the seed.
+pub(super) fn numbers(seed: u64, count: usize) -> Vec<f32> {
+    let mut stream = Stream::new(seed);
+    (0..count).map(|_| (stream.uniform() * 2.0 - 1.0) as f32).collect()
+}
+
+/// Hips over a spine with an arm and a head; one morph weight.
+pub(super) fn rig() -> RigHeader {
+    let node = |name: &str, parent, y| Node {
+        name: name.to_owned(),
+        parent,
+        rest: Transform {
+            translation: Vec3::new(0.0, y, 0.0),
+            rotation: Quat::from_xyzw(0.0, 0.6, 0.0, 0.8),
+            scale: Vec3::ONE,
+        },
+    };
+    let skeleton = Skeleton {
+        nodes: vec![
+            node("Armature", None, 0.0),
+            node("Hips", Some(0), 1.0),
+            node("Arm", Some(1), 0.5),
+            node("Head", Some(1), 0.75),
+        ],
+    };
+    let rotation = |node, axis| Column {
+        source: Source::Rotation { node, axis, mean: Quat::from_xyzw(0.28, 0.0, 0.0, 0.96) },
+        name: format!("{node} rotation {axis}"),
+    };
+    let angles = JointAngles {
+        columns: vec![
+            rotation(2, 0),
+            rotation(2, 1),
+            rotation(2, 2),
+            Column {
+                source: Source::Translation { node: 3, axis: 1, rest: 0.75 },
+                name: "Head translation y".to_owned(),
+            },
+            Column {
+                source: Source::Scale { node: 3, axis: 0, rest: 1.0 },
+                name: "Head scale x".to_owned(),
+            },
+            Column { source: Source::Weight { slot: 0 }, name: "Body/smile".to_owned() },
+        ],
+        size_m: 1.75,
+        dropped: vec!["Head rotation".to_owned()],
+    };
+    let bones = Bones { nodes: vec![1, 2, 3], of_point: Vec::new() };
+    RigHeader::new(&skeleton, Some(1), &bones, &angles, &["Body/smile".to_owned()], &[0.25])
+}
+
+pub(super) fn header(family: Family, signal: Signal, frame: Frame, channels: u8) -> Header {
+    let retained = if family == Family::Mean { 0 } else { 2 };
+    Header {
+        format_version: super::FORMAT_VERSION,
+        family,
+        precision: Precision::F32,
+        signal,
+        order: if signal == Signal::Ao { 1 } else { 3 },
+        channels,
+        frame,
+        conventions: Header::conventions(),
+        rig: rig(),
+        mesh: MeshIdentity {
+            scene_sha256: "0123456789abcdef".repeat(4),
+            vertices: VERTICES as u32,
+            points: POINTS as u32,
+            parts: vec![
+                PartRange {
+                    name: "Body".to_owned(),
+                    node: 0,
+                    primitive: 0,
+                    first_vertex: 0,
+                    vertices: 30,
+                },
+                PartRange {
+                    name: "Hat".to_owned(),
+                    node: 3,
+                    primitive: 0,
+                    first_vertex: 30,
+                    vertices: 10,
+                },
+            ],
+        },
+        training: TrainingSummary {
+            poses: 12,
+            centre: vec![0.5, -0.25, 0.125, 0.0, 0.1, 0.3],
+            deviations: vec![0.75, 0.5][..retained].to_vec(),
+            residual_rms: 0.0625,
+            directions: if family == Family::Linear {
+                numbers(9, PARAMETERS * retained)
+            } else {
+                Vec::new()
+            },
+        },
+        errors: [("rmse".to_owned(), serde_json::json!({"novel": 0.0125}))].into(),
+        provenance: Provenance {
+            generator: "poselight test".to_owned(),
+            recipe: serde_json::json!({"version": 1}),
+            hashes: [("bake".to_owned(), "00ff".to_owned())].into(),
+        },
+    }
+}
+
+pub(super) fn decoder(header: &Header) -> Decoder {
+    let width = header.width();
+    match header.family {
+        Family::Mean => Decoder::Mean { mean: numbers(1, POINTS * width) },
+        Family::Linear => Decoder::Linear {
+            mean: numbers(1, POINTS * width),
+            weights: numbers(2, POINTS * width * PARAMETERS),
+        },
+        Family::PcaLinear => Decoder::PcaLinear {
+            projection: numbers(3, PARAMETERS * 2),
+            coefficients: numbers(4, width * 3 * 5),
+            basis: numbers(5, POINTS * 5),
+        },
+    }
+}
+
+pub(super) fn maps() -> (Vec<u32>, Vec<u16>) {
+    let point_of_vertex = (0..VERTICES).map(|vertex| (vertex % POINTS) as u32).collect();
+    let bone_of_point = (0..POINTS).map(|point| (point / 5 % 3) as u16).collect();
+    (point_of_vertex, bone_of_point)
+}
+
+pub(super) fn model(family: Family, signal: Signal, frame: Frame, channels: u8) -> Model {
+    let header = header(family, signal, frame, channels);
+    let decoder = decoder(&header);
+    let (point_of_vertex, bone_of_point) = maps();
+    Model::new(header, decoder, point_of_vertex, bone_of_point).expect("a valid model")
+}
+
+/// One model of every family, signal and frame, with one channel and with three.
+pub(super) fn all() -> Vec<Model> {
+    let mut models = Vec::new();
+    for &family in Family::ALL {
+        for &signal in Signal::ALL {
+            for &frame in Frame::ALL {
+                for channels in [1, 3] {
+                    models.push(model(family, signal, frame, channels));
+                }
+            }
+        }
+    }
+    models
+}

@@ -1,0 +1,160 @@
+//! The bake of a job into its data set, block after block.
+
+use std::path::Path;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::Instant;
+
+use rayon::prelude::*;
+
+use super::progress::{Progress, Stage, Watch};
+use super::{Error, Job, describe};
+use crate::bake::{BakedPose, Baker, PosedMesh};
+use crate::dataset::{self, Layout, PoseData, Writer};
+use crate::rig::Deformed;
+
+/// What a bake did.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Baked {
+    /// Poses of the data set.
+    pub poses: usize,
+    /// Poses that this run baked; the others were there.
+    pub poses_now: usize,
+    /// Rays that this run cast.
+    pub rays: u64,
+    /// Wall time of this run's baking, seconds.
+    pub bake_s: f64,
+}
+
+/// Bakes what the data set at `path` lacks, and creates it where there is none.
+///
+/// A block is computed while the one before is written; a block that is not committed when the
+/// process dies is baked again.
+///
+/// # Errors
+/// [`Error::Cancelled`] when the caller asked to stop, and what the stages object to.
+pub fn bake(job: &Job, path: &Path, watch: &Watch) -> Result<Baked, Error> {
+    let header = describe::header(job)?;
+    let mut writer = Writer::open(path, &header, &describe::tables(job))?;
+    let missing = writer.missing_blocks();
+    let layout = *writer.layout();
+    let baker = Baker::new(&job.scene.mesh.triangles, &job.poses.points, &job.checked.bake)?;
+    let mut tally = Tally::new(&layout, &missing);
+    tally.tell(watch);
+
+    let (send, receive) = sync_channel::<(usize, Vec<BakedPose>)>(1);
+    std::thread::scope(|scope| {
+        let committer = scope.spawn(move || commit(&mut writer, receive));
+        let baked = bake_blocks(job, &baker, &layout, &missing, &send, &mut tally, watch);
+        drop(send);
+        let committed = committer.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        // A failed write makes the next send fail; the write's own error is the one to tell.
+        committed.map_err(Error::from).and(baked)
+    })?;
+    Ok(tally.baked)
+}
+
+fn commit(
+    writer: &mut Writer,
+    blocks: Receiver<(usize, Vec<BakedPose>)>,
+) -> Result<(), dataset::Error> {
+    for (block, baked) in blocks {
+        let poses: Vec<PoseData> = baked.iter().map(pose_data).collect();
+        writer.commit(block, &poses)?;
+    }
+    Ok(())
+}
+
+/// A posed mesh with what names its random numbers.
+pub(super) fn posed<'a>(job: &Job, pose: usize, mesh: &'a Deformed) -> PosedMesh<'a> {
+    PosedMesh {
+        positions: &mesh.positions,
+        normals: &mesh.normals,
+        clip_key: job.clip_key(pose),
+        time_s: job.poses.samples[pose].time_s,
+    }
+}
+
+fn pose_data(pose: &BakedPose) -> PoseData<'_> {
+    PoseData { coefficients: &pose.coefficients, noise: &pose.noise, rays: &pose.rays }
+}
+
+#[expect(clippy::too_many_arguments, reason = "the loop's whole state, used once")]
+fn bake_blocks(
+    job: &Job,
+    baker: &Baker,
+    layout: &Layout,
+    missing: &[usize],
+    committer: &SyncSender<(usize, Vec<BakedPose>)>,
+    tally: &mut Tally,
+    watch: &Watch,
+) -> Result<(), Error> {
+    for &block in missing {
+        let poses: Vec<usize> = layout.poses_of(block).collect();
+        let baked = bake_poses(job, baker, &poses, watch).map_err(|error| tally.name(error))?;
+        tally.count(&baked);
+        if committer.send((block, baked)).is_err() {
+            return Ok(());
+        }
+        tally.tell(watch);
+    }
+    Ok(())
+}
+
+/// Poses and bakes some of a job's poses.
+pub(super) fn bake_poses(
+    job: &Job,
+    baker: &Baker,
+    poses: &[usize],
+    watch: &Watch,
+) -> Result<Vec<BakedPose>, Error> {
+    let deformed: Vec<Deformed> = poses.par_iter().map(|&pose| job.deformed(pose)).collect();
+    let meshes: Vec<PosedMesh> =
+        poses.iter().zip(&deformed).map(|(&pose, mesh)| posed(job, pose, mesh)).collect();
+    Ok(baker.bake(&meshes, watch.cancelled)?)
+}
+
+/// Work done, for the caller's ear and the summary.
+struct Tally {
+    baked: Baked,
+    there: usize,
+    start: Instant,
+}
+
+impl Tally {
+    fn new(layout: &Layout, missing: &[usize]) -> Self {
+        let absent: usize = missing.iter().map(|&block| layout.poses_of(block).len()).sum();
+        let baked = Baked { poses: layout.poses, poses_now: 0, rays: 0, bake_s: 0.0 };
+        Self { baked, there: layout.poses - absent, start: Instant::now() }
+    }
+
+    fn count(&mut self, poses: &[BakedPose]) {
+        self.baked.poses_now += poses.len();
+        self.baked.rays +=
+            poses.iter().flat_map(|pose| &pose.rays).map(|&rays| u64::from(rays)).sum::<u64>();
+        self.baked.bake_s = self.start.elapsed().as_secs_f64();
+    }
+
+    fn done(&self) -> u64 {
+        (self.there + self.baked.poses_now) as u64
+    }
+
+    fn tell(&self, watch: &Watch) {
+        (watch.report)(Progress {
+            stage: Stage::Bake,
+            done: self.done(),
+            total: self.baked.poses as u64,
+            rays: self.baked.rays,
+            elapsed_s: self.start.elapsed().as_secs_f64(),
+        });
+    }
+
+    /// A cancelled bake says how far it came.
+    fn name(&self, error: Error) -> Error {
+        match error {
+            Error::Bake(crate::bake::Error::Cancelled) => {
+                Error::Cancelled { done: self.done(), total: self.baked.poses as u64 }
+            }
+            other => other,
+        }
+    }
+}

@@ -1,0 +1,234 @@
+//! Raw recipe → checked recipe: only settings that passed here run.
+
+use super::recipe::{
+    BakeRecipe, FamilyName, FitRecipe, FrameName, OnName, PosesRecipe, PrecisionName, Recipe,
+    RidgeName, SignalName, TargetRecipe, VERSION,
+};
+use crate::sh::Order;
+use crate::{bake, fit, model, pose};
+
+/// Why a recipe cannot run: which field, what it says, what it may say.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("recipe field `{field}` is {found}; {expected}")]
+pub struct RecipeError {
+    /// The field's path, such as `bake.order`.
+    pub field: &'static str,
+    /// What the recipe says.
+    pub found: String,
+    /// What it may say, as the end of a sentence.
+    pub expected: &'static str,
+}
+
+/// A recipe whose every field was checked, as the settings of each stage.
+#[derive(Debug, Clone)]
+pub struct Checked {
+    /// For [`pose::sample`].
+    pub poses: pose::Settings,
+    /// For [`bake::Baker`].
+    pub bake: bake::Settings,
+    /// For [`fit::fit`].
+    pub fit: fit::Settings,
+    /// How the model is stored.
+    pub precision: model::Precision,
+    /// How the model is measured.
+    pub reference: ReferenceSettings,
+}
+
+/// How references are baked.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReferenceSettings {
+    /// Times the bake's rays.
+    pub factor: u32,
+    /// Poses of each split.
+    pub poses: usize,
+    /// Largest novel coefficient RMSE accepted.
+    pub max_error: Option<f32>,
+}
+
+impl Checked {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// The first field that cannot run.
+    pub fn new(recipe: &Recipe) -> Result<Self, RecipeError> {
+        require(
+            recipe.version == VERSION,
+            "version",
+            recipe.version,
+            "this build reads version 1",
+        )?;
+        Ok(Self {
+            poses: checked_poses(&recipe.poses)?,
+            bake: checked_bake(&recipe.bake)?,
+            fit: checked_fit(&recipe.fit, recipe.target.on)?,
+            precision: precision(recipe.output.precision),
+            reference: checked_reference(&recipe.target)?,
+        })
+    }
+}
+
+fn checked_poses(poses: &PosesRecipe) -> Result<pose::Settings, RecipeError> {
+    let rate = poses.rate_hz;
+    require((0.1..=1000.0).contains(&rate), "poses.rate_hz", rate, "it must be 0.1 to 1000")?;
+    let near = poses.near_repeat;
+    require((0.0..=1.0).contains(&near), "poses.near_repeat", near, "it must be 0 to 1")?;
+    let every = poses.interpolated_every;
+    require(every != 1, "poses.interpolated_every", every, "it must be 0, or 2 and more")?;
+    Ok(pose::Settings {
+        clips: poses.clips.clone(),
+        hold_out: poses.hold_out.clone(),
+        rate_hz: rate,
+        interpolated_every: every,
+        near_repeat: near,
+        seed: poses.seed,
+    })
+}
+
+fn checked_bake(recipe: &BakeRecipe) -> Result<bake::Settings, RecipeError> {
+    let order = Order::new(recipe.order)
+        .map_err(|_| error("bake.order", recipe.order, "spherical harmonics have order 1 to 10"))?;
+    let rays = recipe.rays;
+    require((1..=bake::MOST_RAYS).contains(&rays), "bake.rays", rays, "it must be 1 to 1000000")?;
+    if let Some(distance) = recipe.max_distance_m {
+        let sound = distance.is_finite() && distance > 0.0;
+        require(sound, "bake.max_distance_m", distance, "it must be a positive number of metres")?;
+    }
+    let signal = match recipe.signal {
+        SignalName::Ao => bake::Signal::Ao,
+        SignalName::Visibility => bake::Signal::Visibility,
+        SignalName::Transfer => bake::Signal::Transfer,
+    };
+    Ok(bake::Settings {
+        signal,
+        order,
+        rays,
+        max_distance_m: recipe.max_distance_m,
+        seed: recipe.seed,
+    })
+}
+
+fn checked_fit(fit: &FitRecipe, on: OnName) -> Result<fit::Settings, RecipeError> {
+    require((1..=4096).contains(&fit.inputs), "fit.inputs", fit.inputs, "it must be 1 to 4096")?;
+    require((1..=4096).contains(&fit.outputs), "fit.outputs", fit.outputs, "it must be 1 to 4096")?;
+    let family = match fit.family {
+        FamilyName::Mean => fit::Family::Mean,
+        FamilyName::Linear => fit::Family::Linear,
+        FamilyName::PcaLinear => {
+            fit::Family::PcaLinear { inputs: fit.inputs as usize, outputs: fit.outputs as usize }
+        }
+    };
+    let ridge = match (fit.ridge, fit.alpha) {
+        (RidgeName::LeaveOneOut, _) => fit::Ridge::LeaveOneOut,
+        (RidgeName::LeaveOneClipOut, _) => fit::Ridge::LeaveOneClipOut,
+        (RidgeName::Fixed, Some(alpha)) if alpha.is_finite() && alpha >= 0.0 => {
+            fit::Ridge::Fixed(alpha)
+        }
+        (RidgeName::Fixed, Some(alpha)) => {
+            return Err(error("fit.alpha", alpha, "it must be zero or a positive number"));
+        }
+        (RidgeName::Fixed, None) => {
+            return Err(error("fit.alpha", "absent", "a fixed ridge needs it"));
+        }
+    };
+    let frame = match fit.frame {
+        FrameName::Root => model::Frame::Root,
+        FrameName::Bone => model::Frame::Bone,
+    };
+    let on = match on {
+        OnName::Novel => fit::On::Novel,
+        OnName::Trained => fit::On::Trained,
+    };
+    Ok(fit::Settings { family, frame, ridge, on, seed: fit.seed })
+}
+
+fn checked_reference(target: &TargetRecipe) -> Result<ReferenceSettings, RecipeError> {
+    let factor = target.reference_factor;
+    require(
+        (8..=1024).contains(&factor),
+        "target.reference_factor",
+        factor,
+        "it must be 8 to 1024",
+    )?;
+    let poses = target.reference_poses;
+    require(poses >= 1, "target.reference_poses", poses, "it must be at least 1")?;
+    if let Some(error) = target.max_error {
+        require(
+            error > 0.0 && error.is_finite(),
+            "target.max_error",
+            error,
+            "it must be positive",
+        )?;
+    }
+    Ok(ReferenceSettings { factor, poses: poses as usize, max_error: target.max_error })
+}
+
+fn precision(name: PrecisionName) -> model::Precision {
+    match name {
+        PrecisionName::F32 => model::Precision::F32,
+        PrecisionName::F16 => model::Precision::F16,
+        PrecisionName::I8 => model::Precision::I8,
+    }
+}
+
+fn error(field: &'static str, found: impl ToString, expected: &'static str) -> RecipeError {
+    RecipeError { field, found: found.to_string(), expected }
+}
+
+fn require(
+    holds: bool,
+    field: &'static str,
+    found: impl ToString,
+    expected: &'static str,
+) -> Result<(), RecipeError> {
+    if holds { Ok(()) } else { Err(error(field, found, expected)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fault(edit: impl FnOnce(&mut Recipe)) -> &'static str {
+        let mut recipe = Recipe::default();
+        edit(&mut recipe);
+        Checked::new(&recipe).expect_err("must be refused").field
+    }
+
+    /// The defaults run.
+    #[test]
+    fn the_default_recipe_is_sound() {
+        Checked::new(&Recipe::default()).expect("sound");
+    }
+
+    /// Every bound refuses what lies just outside it, by the field's name.
+    #[test]
+    fn each_bound_names_its_field() {
+        assert_eq!(fault(|r| r.version = 2), "version");
+        assert_eq!(fault(|r| r.bake.order = 0), "bake.order");
+        assert_eq!(fault(|r| r.bake.order = 11), "bake.order");
+        assert_eq!(fault(|r| r.bake.rays = 0), "bake.rays");
+        assert_eq!(fault(|r| r.bake.max_distance_m = Some(0.0)), "bake.max_distance_m");
+        assert_eq!(fault(|r| r.bake.max_distance_m = Some(f32::NAN)), "bake.max_distance_m");
+        assert_eq!(fault(|r| r.poses.rate_hz = 0.0), "poses.rate_hz");
+        assert_eq!(fault(|r| r.poses.rate_hz = f32::NAN), "poses.rate_hz");
+        assert_eq!(fault(|r| r.poses.near_repeat = -1.0), "poses.near_repeat");
+        assert_eq!(fault(|r| r.poses.interpolated_every = 1), "poses.interpolated_every");
+        assert_eq!(fault(|r| r.fit.inputs = 0), "fit.inputs");
+        assert_eq!(fault(|r| r.fit.outputs = 0), "fit.outputs");
+        assert_eq!(fault(|r| r.fit.ridge = RidgeName::Fixed), "fit.alpha");
+        assert_eq!(fault(|r| r.target.reference_factor = 7), "target.reference_factor");
+        assert_eq!(fault(|r| r.target.reference_poses = 0), "target.reference_poses");
+        assert_eq!(fault(|r| r.target.max_error = Some(0.0)), "target.max_error");
+    }
+
+    /// The sentence names the field, what it says and what it may say.
+    #[test]
+    fn the_message_can_be_acted_on() {
+        let mut recipe = Recipe::default();
+        recipe.bake.order = 12;
+        let message = Checked::new(&recipe).expect_err("must be refused").to_string();
+        assert_eq!(
+            message,
+            "recipe field `bake.order` is 12; spherical harmonics have order 1 to 10"
+        );
+    }
+}

@@ -1,0 +1,72 @@
+//! What can go wrong with a job: a stage's own error, or one of joining the stages.
+
+use std::path::PathBuf;
+
+use super::RecipeError;
+use crate::{bake, dataset, fit, measure, model, pose, scene};
+
+/// Every failure of a job. The stages' errors carry their own sentences.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The recipe cannot run.
+    #[error(transparent)]
+    Recipe(#[from] RecipeError),
+    /// Import.
+    #[error(transparent)]
+    Scene(#[from] scene::Error),
+    /// Pose sampling.
+    #[error(transparent)]
+    Pose(#[from] pose::Error),
+    /// Baking.
+    #[error(transparent)]
+    Bake(#[from] bake::Error),
+    /// The data set on disk.
+    #[error(transparent)]
+    Dataset(#[from] dataset::Error),
+    /// Fitting.
+    #[error(transparent)]
+    Fit(#[from] fit::Error),
+    /// The model or its blob.
+    #[error(transparent)]
+    Model(#[from] model::Error),
+    /// Measuring.
+    #[error(transparent)]
+    Measure(#[from] measure::Error),
+    /// The caller asked to stop.
+    #[error("stopped after {done} of {total} poses; the same command continues from there")]
+    Cancelled {
+        /// Poses whose block is committed.
+        done: u64,
+        /// Poses in all.
+        total: u64,
+    },
+    /// A file that could not be read or written.
+    #[error("could not {action} {path}: {source}", path = path.display())]
+    File {
+        /// Such as `write`.
+        action: &'static str,
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A JSON document that does not hold what it should.
+    #[error("{what}: {source}")]
+    Json {
+        /// Which document.
+        what: String,
+        /// Where and what.
+        source: serde_json::Error,
+    },
+    /// A model that belongs to another scene or bake.
+    #[error(
+        "the model was fitted to another bake ({model}) than this data set's ({dataset}); fit it anew, or name its own data set"
+    )]
+    OtherDataset {
+        /// Bake hash in the model.
+        model: String,
+        /// Bake hash of the data set.
+        dataset: String,
+    },
+}

@@ -1,0 +1,166 @@
+//! The figures of a run: the JSON document beside the model.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use super::{Baked, ReferenceBaked, timing::EvaluationTimes};
+use crate::fit::FitReport;
+use crate::measure::Measured;
+use crate::model::Model;
+
+/// What happened before a model was measured.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Story<'a> {
+    /// The bake, where this process did it.
+    pub(super) baked: Option<&'a Baked>,
+    /// The references.
+    pub(super) referenced: &'a ReferenceBaked,
+    /// The fit.
+    pub(super) report: &'a FitReport,
+    /// Wall time of the fit, seconds.
+    pub(super) fit_s: f64,
+}
+
+/// Everything that a run measured.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Figures {
+    /// Hash of the fit that the figures belong to.
+    pub fit_hash: String,
+    /// The model's sizes.
+    pub model: ModelFigures,
+    /// Wall times on the machine of the run.
+    pub times: Times,
+    /// Eigenvalue spectra.
+    pub spectra: Spectra,
+    /// Errors by split.
+    pub measured: Measured,
+}
+
+/// Sizes of a model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ModelFigures {
+    /// Family.
+    pub family: String,
+    /// Frame of its coefficients.
+    pub frame: String,
+    /// Storage.
+    pub precision: String,
+    /// Bytes of the blob.
+    pub bytes: u64,
+    /// Bytes of the decoder and encoder tensors at this precision, as MATH.md §5 counts them.
+    pub tensor_bytes: u64,
+    /// Tensor bytes per cent of one pose's coefficients as f32.
+    pub mesh_percent: f64,
+    /// Pose parameters.
+    pub parameters: usize,
+    /// Pose dimensions kept.
+    pub inputs: usize,
+    /// Output dimensions kept; 0 where the family has no basis.
+    pub outputs: usize,
+    /// The regularisation used.
+    pub alpha: Option<f64>,
+    /// Multiply-adds for all coefficients of one pose.
+    pub multiply_adds: u64,
+}
+
+/// Wall times; absent where the work was done by an earlier run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Times {
+    /// Seconds of baking, where the whole bake was done by this run.
+    pub bake_s: Option<f64>,
+    /// Rays per second of this run's baking.
+    pub rays_per_s: Option<f64>,
+    /// Seconds of baking references, where all of it was done by this run.
+    pub reference_s: Option<f64>,
+    /// Seconds of the fit.
+    pub fit_s: f64,
+    /// Seconds of the fit by phase.
+    pub fit_phases_s: BTreeMap<String, f64>,
+    /// Microseconds to evaluate one pose, all coefficients, one core.
+    pub evaluate_us: f64,
+    /// Microseconds for one pose under one folded light, one core; absent where the signal does
+    /// not fold.
+    pub folded_us: Option<f64>,
+}
+
+/// Eigenvalue spectra of poses and outputs.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Spectra {
+    /// Variances of the pose parameters along their principal directions, descending.
+    pub pose: Vec<f64>,
+    /// Leading squared singular values of the outputs, descending.
+    pub output: Vec<f64>,
+    /// The sum of all squared singular values of the outputs.
+    pub output_energy: f64,
+}
+
+impl Times {
+    pub(super) fn new(story: &Story, evaluation: &EvaluationTimes) -> Self {
+        let baked = story.baked.filter(|baked| baked.rays > 0);
+        let whole = baked.filter(|baked| baked.poses_now == baked.poses);
+        let referenced = story.referenced;
+        let all = 2 * referenced.poses as u64;
+        Self {
+            bake_s: whole.map(|baked| baked.bake_s),
+            rays_per_s: baked.map(|baked| baked.rays as f64 / baked.bake_s),
+            reference_s: (referenced.baked_now == all).then_some(referenced.bake_s),
+            fit_s: story.fit_s,
+            fit_phases_s: story.report.seconds.clone(),
+            evaluate_us: evaluation.all_us,
+            folded_us: evaluation.folded_us,
+        }
+    }
+}
+
+impl ModelFigures {
+    pub(super) fn of(model: &Model, bytes: u64, report: &FitReport) -> Self {
+        let header = model.header();
+        let shape = model.shape();
+        let tensor_bytes = shape.numbers(header.family) * header.precision.bytes();
+        let mesh_bytes = u64::from(header.mesh.points) * header.width() as u64 * 4;
+        Self {
+            family: header.family.name().to_owned(),
+            frame: header.frame.name().to_owned(),
+            precision: header.precision.name().to_owned(),
+            bytes,
+            tensor_bytes,
+            mesh_percent: 100.0 * tensor_bytes as f64 / mesh_bytes as f64,
+            parameters: header.parameters(),
+            inputs: report.inputs,
+            outputs: report.outputs,
+            alpha: report.alpha,
+            multiply_adds: shape.multiply_adds(header.family),
+        }
+    }
+}
+
+impl Spectra {
+    pub(super) fn of(report: &FitReport) -> Self {
+        Self {
+            pose: report.pose_spectrum.clone(),
+            output: report.output_spectrum.clone(),
+            output_energy: report.output_energy,
+        }
+    }
+}
+
+/// The measured errors as a model's header carries them, by split.
+pub(super) fn errors(measured: &Measured) -> BTreeMap<String, Value> {
+    let splits = measured.splits.iter().filter_map(|split| {
+        let of = |name: &str| split.candidates.iter().find(|c| c.name == name);
+        let model = of(&measured.model)?;
+        let value = json!({
+            "poses": split.poses,
+            "clips": split.clips,
+            "coefficient_rms": model.coefficients.rms,
+            "ao_mean_absolute": model.ao.mean_absolute.value,
+            "ao_p99": model.ao.p99,
+            "mean_alone_coefficient_rms": of("mean").and_then(|mean| mean.coefficients.rms),
+            "reference_noise_rms": split.reference.coefficient_noise_rms,
+        });
+        Some((split.split.name().to_owned(), value))
+    });
+    splits.collect()
+}

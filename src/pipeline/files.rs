@@ -1,0 +1,76 @@
+//! Files that appear whole or not at all.
+
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+
+use super::Error;
+
+/// Writes `bytes` under the final name only when all of them are safely on disk.
+///
+/// # Errors
+/// [`Error::File`] naming the file and what the system said; the old file, if any, stands.
+pub fn publish(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    let failed = |source| Error::File { action: "write", path: path.to_path_buf(), source };
+    let folder = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    fs::create_dir_all(folder).map_err(failed)?;
+    let mut file = tempfile::Builder::new().prefix(".part-").tempfile_in(folder).map_err(failed)?;
+    file.write_all(bytes).map_err(failed)?;
+    file.as_file().sync_all().map_err(failed)?;
+    readable_by_all(file.as_file()).map_err(failed)?;
+    file.persist(path).map_err(|error| failed(error.error))?;
+    fs::File::open(folder).and_then(|folder| folder.sync_all()).map_err(failed)
+}
+
+/// Temporary files begin private; a result is an ordinary file.
+fn readable_by_all(file: &fs::File) -> std::io::Result<()> {
+    use std::os::unix::fs::PermissionsExt;
+    file.set_permissions(fs::Permissions::from_mode(0o644))
+}
+
+/// Reads a whole file of at most `limit` bytes.
+///
+/// # Errors
+/// [`Error::File`] naming the file and what is wrong with it.
+pub fn read(path: &Path, limit: u64) -> Result<Vec<u8>, Error> {
+    use std::io::Read;
+    let failed = |source| Error::File { action: "read", path: path.to_path_buf(), source };
+    let file = fs::File::open(path).map_err(failed)?;
+    let mut bytes = Vec::new();
+    file.take(limit + 1).read_to_end(&mut bytes).map_err(failed)?;
+    if bytes.len() as u64 > limit {
+        let message = format!("it has more than the {limit} bytes allowed");
+        return Err(failed(std::io::Error::other(message)));
+    }
+    Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A file is replaced whole, its folder is made, and no temporary stays behind.
+    #[test]
+    fn publishing_replaces_whole_files() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let path = folder.path().join("new/model");
+        publish(&path, b"first").expect("written");
+        publish(&path, b"second").expect("written");
+        assert_eq!(read(&path, 6).expect("read"), b"second");
+        assert!(read(&path, 5).is_err());
+        assert_eq!(fs::read_dir(folder.path().join("new")).expect("listed").count(), 1);
+    }
+
+    /// Where nothing can be written the error names the file, and no panic comes.
+    #[test]
+    fn an_impossible_place_is_named() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let blocker = folder.path().join("file");
+        fs::write(&blocker, b"").expect("written");
+        let error = publish(&blocker.join("model"), b"x").expect_err("a file is no folder");
+        assert!(error.to_string().contains("file/model"), "{error}");
+    }
+}

@@ -1,0 +1,137 @@
+//! From a data set to a model.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use serde_json::Value;
+
+use super::recipe::Recipe;
+use super::{Checked, Error, Hashes};
+use crate::dataset::Dataset;
+use crate::fit::{self, FitReport, Fitted};
+use crate::model::{
+    self, FORMAT_VERSION, Frame, Header, MeshIdentity, Model, PartRange, Provenance, RigHeader,
+};
+
+/// A model with the story of its fit.
+#[derive(Debug)]
+pub struct FittedModel {
+    /// The model, its numbers in f32.
+    pub model: Model,
+    /// What the fit found out.
+    pub report: FitReport,
+    /// Wall time of the whole fit, seconds.
+    pub fit_s: f64,
+}
+
+/// Fits the recipe's model to the training poses of a data set.
+///
+/// A data set without parameters (a static scene) gives its mean, whatever family is asked for.
+///
+/// # Errors
+/// What the stages object to.
+pub fn fit(dataset: &Dataset, recipe: &Recipe) -> Result<FittedModel, Error> {
+    let checked = Checked::new(recipe)?;
+    let mut settings = checked.fit;
+    if dataset.header().layout.parameters == 0 {
+        settings.family = fit::Family::Mean;
+    }
+    if dataset.header().attributes.signal == "ao" {
+        // A scalar has no frame.
+        settings.frame = Frame::Root;
+    }
+    let start = Instant::now();
+    let fitted = fit::fit(&dataset.training()?, &settings)?;
+    let fit_s = start.elapsed().as_secs_f64();
+    let Fitted { decoder, training, report } = fitted;
+    let header = header(dataset, recipe, &checked, training, (decoder.family(), settings.frame))?;
+    let mesh = dataset.mesh();
+    let bones = mesh.bone_of_point.clone();
+    let model = Model::new(header, decoder, mesh.point_of_vertex.clone(), bones)?;
+    Ok(FittedModel { model, report, fit_s })
+}
+
+/// The mean over training poses in the same frame: what every model must beat.
+///
+/// # Errors
+/// What the stages object to.
+pub fn fit_mean(dataset: &Dataset, recipe: &Recipe) -> Result<Model, Error> {
+    let mut recipe = recipe.clone();
+    recipe.fit.family = super::recipe::FamilyName::Mean;
+    Ok(fit(dataset, &recipe)?.model)
+}
+
+/// The recipe of a data set with the parts that a fit may choose taken from `edited`.
+///
+/// # Errors
+/// [`Error::Json`] if the stored recipe is not one.
+pub fn recipe_of(dataset: &Dataset) -> Result<Recipe, Error> {
+    serde_json::from_value(dataset.header().attributes.recipe.clone()).map_err(|source| {
+        Error::Json { what: format!("the recipe in {}", dataset.path().display()), source }
+    })
+}
+
+/// The recipe that a model carries.
+///
+/// # Errors
+/// [`Error::Json`] if it is not one.
+pub fn recipe_of_model(model: &Model) -> Result<Recipe, Error> {
+    serde_json::from_value(model.header().provenance.recipe.clone())
+        .map_err(|source| Error::Json { what: "the recipe in the model".into(), source })
+}
+
+fn header(
+    dataset: &Dataset,
+    recipe: &Recipe,
+    checked: &Checked,
+    training: model::TrainingSummary,
+    (family, frame): (model::Family, Frame),
+) -> Result<Header, Error> {
+    let attributes = &dataset.header().attributes;
+    let layout = &dataset.header().layout;
+    let rig: RigHeader = serde_json::from_value(attributes.rig.clone())
+        .map_err(|source| Error::Json { what: "the rig in the data set".into(), source })?;
+    let scene = attributes.hashes.get("scene").cloned().unwrap_or_default();
+    let hashes = Hashes::of(&scene, recipe);
+    let signal = model::Signal::from_name(&attributes.signal).unwrap_or(model::Signal::Transfer);
+    Ok(Header {
+        format_version: FORMAT_VERSION,
+        family,
+        precision: checked.precision,
+        signal,
+        order: if signal == model::Signal::Ao { 1 } else { attributes.order },
+        channels: layout.channels as u8,
+        frame,
+        conventions: Header::conventions(),
+        mesh: MeshIdentity {
+            scene_sha256: scene,
+            vertices: layout.vertices as u32,
+            points: layout.points as u32,
+            parts: parts(dataset, &rig),
+        },
+        rig,
+        training,
+        errors: BTreeMap::new(),
+        provenance: Provenance {
+            generator: concat!("poselight ", env!("CARGO_PKG_VERSION")).to_owned(),
+            recipe: serde_json::to_value(recipe).unwrap_or(Value::Null),
+            hashes: BTreeMap::from([
+                ("bake".to_owned(), hashes.bake),
+                ("fit".to_owned(), hashes.fit),
+                ("scene".to_owned(), hashes.scene),
+            ]),
+        },
+    })
+}
+
+fn parts(dataset: &Dataset, rig: &RigHeader) -> Vec<PartRange> {
+    let node = |name: &str| rig.nodes.iter().position(|n| n.name == name).unwrap_or(0) as u32;
+    let parts = dataset.header().attributes.parts.iter().map(|part| PartRange {
+        name: part.mesh.clone(),
+        node: node(&part.node),
+        primitive: part.primitive as u32,
+        first_vertex: part.first_vertex as u32,
+        vertices: part.vertices as u32,
+    });
+    parts.collect()
+}

@@ -1,0 +1,109 @@
+//! Stage hashes: equal hash, equal bytes.
+//!
+//! Each stage is named by a SHA-256 over exactly what affects its bytes: *bake* over the scene's
+//! files and the recipe's `poses` and `bake`; *fit* over the bake's hash, `fit`, `target` and
+//! `output`. Threads, block sizes and paths are in none.
+
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+
+use super::recipe::Recipe;
+use crate::scene::Source;
+
+/// Changes whenever the same recipe begins to give other bytes, so that old results are not
+/// mistaken for new ones.
+const ALGORITHM: u32 = 1;
+
+/// The hashes of a resolved recipe, lower-case hexadecimal.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Hashes {
+    /// Over the scene's files.
+    pub scene: String,
+    /// Over everything that affects the data set's bytes.
+    pub bake: String,
+    /// Over everything that affects the model's bytes.
+    pub fit: String,
+}
+
+impl Hashes {
+    /// The hashes of a recipe over a scene.
+    #[must_use]
+    pub fn of(scene: &str, recipe: &Recipe) -> Self {
+        let bake = stage("bake", &(ALGORITHM, scene, &recipe.poses, &recipe.bake));
+        let fit = stage("fit", &(&bake, &recipe.fit, &recipe.target, &recipe.output));
+        Self { scene: scene.to_owned(), bake, fit }
+    }
+}
+
+/// The hash of a scene's files: names and bytes, in order, each with its length before it.
+#[must_use]
+pub(super) fn scene(sources: &[Source]) -> String {
+    let mut hasher = Sha256::new();
+    for source in sources {
+        for bytes in [source.name.as_bytes(), &source.bytes] {
+            hasher.update((bytes.len() as u64).to_le_bytes());
+            hasher.update(bytes);
+        }
+    }
+    hexadecimal(&hasher.finalize())
+}
+
+/// The hash of a data set's references.
+#[must_use]
+pub(super) fn reference(bake: &str, rays: u32, seeds: [u64; 2], poses: &[usize]) -> String {
+    stage("reference", &(ALGORITHM, bake, rays, seeds, poses))
+}
+
+/// JSON of the parts in declaration order is canonical: no map in it has an order of its own.
+fn stage(name: &str, parts: &impl Serialize) -> String {
+    let json = serde_json::to_vec(parts).unwrap_or_default();
+    let mut hasher = Sha256::new();
+    hasher.update(name.as_bytes());
+    hasher.update([0]);
+    hasher.update(json);
+    hexadecimal(&hasher.finalize())
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn source(name: &str, bytes: &[u8]) -> Source {
+        Source { name: name.into(), bytes: bytes.to_vec() }
+    }
+
+    /// A stage's hash moves with what affects it and with nothing else.
+    #[test]
+    fn each_stage_depends_on_its_own_parts_only() {
+        let base = Recipe::default();
+        let before = Hashes::of("s", &base);
+
+        let mut other_fit = base.clone();
+        other_fit.fit.outputs += 1;
+        let after = Hashes::of("s", &other_fit);
+        assert_eq!(before.bake, after.bake);
+        assert_ne!(before.fit, after.fit);
+
+        let mut other_bake = base.clone();
+        other_bake.bake.rays += 1;
+        let after = Hashes::of("s", &other_bake);
+        assert_ne!(before.bake, after.bake);
+        assert_ne!(before.fit, after.fit);
+
+        let mut other_path = base;
+        other_path.scene.file = "elsewhere.glb".into();
+        assert_eq!(before, Hashes::of("s", &other_path));
+    }
+
+    /// Bytes cannot move between a name and a body, or between files, without a new hash.
+    #[test]
+    fn a_scene_hash_sees_boundaries() {
+        let joined = scene(&[source("a", b"bc")]);
+        assert_ne!(joined, scene(&[source("ab", b"c")]));
+        assert_ne!(joined, scene(&[source("a", b"b"), source("", b"c")]));
+    }
+}

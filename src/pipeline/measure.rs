@@ -1,0 +1,182 @@
+//! A model against the references of its data set.
+
+use std::time::Instant;
+
+use super::progress::{Progress, Stage, Watch};
+use super::recipe::Recipe;
+use super::{Error, fit_mean, recipe_of};
+use crate::dataset::{Dataset, Reference};
+use crate::measure::{Candidate, Case, Kind, Measured, Measurement, Settings};
+use crate::model::{Model, Precision};
+use crate::pose::Split;
+use crate::{measure, model};
+
+/// Candidates of one measurement: the model, the mean that it must beat, and the model at each
+/// smaller precision.
+struct Candidates {
+    models: Vec<Model>,
+    entries: Vec<Candidate>,
+}
+
+/// Measures a model on every pose that the references cover, beside the mean that `recipe` gives.
+///
+/// # Errors
+/// [`Error::OtherDataset`] where the model was fitted to another bake; what the stages object to.
+pub fn measure(
+    model: &Model,
+    dataset: &Dataset,
+    recipe: &Recipe,
+    watch: &Watch,
+) -> Result<Measured, Error> {
+    belongs(model, dataset)?;
+    let reference = Reference::open(dataset)?;
+    let candidates = candidates(model, fit_mean(dataset, recipe)?)?;
+    let mut measurement = Measurement::new(settings(model, dataset, &reference, &candidates)?)?;
+    let total = reference.header().poses.len();
+    let start = Instant::now();
+    let mut bench = Bench::new(dataset, &candidates);
+    for index in 0..total {
+        if watch.is_cancelled() {
+            return Err(Error::Cancelled { done: index as u64, total: total as u64 });
+        }
+        bench.load(dataset, &reference, &candidates, index)?;
+        let values = bench.values.iter().map(Vec::as_slice);
+        let named: Vec<(&str, &[f32])> =
+            candidates.entries.iter().map(|entry| entry.name.as_str()).zip(values).collect();
+        measurement.add(&Case { candidates: &named, ..bench.case(dataset) })?;
+        (watch.report)(Progress {
+            stage: Stage::Measure,
+            done: index as u64 + 1,
+            total: total as u64,
+            rays: 0,
+            elapsed_s: start.elapsed().as_secs_f64(),
+        });
+    }
+    Ok(measurement.finish())
+}
+
+/// A model is measured on the bake that it was fitted to, or the split into seen and unseen
+/// motion means nothing.
+fn belongs(model: &Model, dataset: &Dataset) -> Result<(), Error> {
+    let hash = |hashes: &std::collections::BTreeMap<String, String>| {
+        hashes.get("bake").cloned().unwrap_or_else(|| "none".to_owned())
+    };
+    let (model, dataset) =
+        (hash(&model.header().provenance.hashes), hash(&dataset.header().attributes.hashes));
+    if model == dataset { Ok(()) } else { Err(Error::OtherDataset { model, dataset }) }
+}
+
+fn candidates(model: &Model, mean: Model) -> Result<Candidates, Error> {
+    let entry = |name: &str, kind| Candidate { name: name.to_owned(), kind };
+    let own = model.header().precision;
+    let mut models = vec![model.clone(), mean];
+    let mut entries = vec![entry("model", Kind::Model), entry("mean", Kind::Baseline)];
+    for &precision in Precision::ALL {
+        if precision.bytes() < own.bytes() {
+            models.push(Model::from_bytes(&model.to_bytes(precision)?)?);
+            entries.push(entry(precision.name(), Kind::Precision));
+        }
+    }
+    Ok(Candidates { models, entries })
+}
+
+fn settings(
+    model: &Model,
+    dataset: &Dataset,
+    reference: &Reference,
+    candidates: &Candidates,
+) -> Result<Settings, Error> {
+    let header = model.header();
+    Ok(Settings {
+        signal: signal(header.signal),
+        order: header.sh_order(),
+        channels: usize::from(header.channels),
+        vertex_of_point: dataset.mesh().vertex_of_point.clone(),
+        parts: super::job_of(dataset)?.scene.mesh.parts,
+        candidates: candidates.entries.clone(),
+        frame_s: 1.0 / recipe_of(dataset)?.poses.rate_hz,
+        reference_rays: Some(reference.header().rays),
+    })
+}
+
+/// The buffers of one pose.
+struct Bench {
+    pose: usize,
+    references: [Vec<f32>; 2],
+    normals: Vec<glam::Vec3>,
+    values: Vec<Vec<f32>>,
+}
+
+impl Bench {
+    fn new(dataset: &Dataset, candidates: &Candidates) -> Self {
+        let layout = &dataset.header().layout;
+        let numbers = layout.points * layout.row();
+        Self {
+            pose: 0,
+            references: [vec![0.0; numbers], vec![0.0; numbers]],
+            normals: Vec::new(),
+            values: candidates.models.iter().map(|_| vec![0.0; numbers]).collect(),
+        }
+    }
+
+    fn load(
+        &mut self,
+        dataset: &Dataset,
+        reference: &Reference,
+        candidates: &Candidates,
+        index: usize,
+    ) -> Result<(), Error> {
+        self.pose = reference.header().poses[index];
+        for (seed, out) in self.references.iter_mut().enumerate() {
+            reference.read(seed, index, out)?;
+        }
+        self.normals = reference.read_normals(index)?;
+        for (model, out) in candidates.models.iter().zip(&mut self.values) {
+            predict(model, dataset, self.pose, out)?;
+        }
+        Ok(())
+    }
+
+    /// The pose without its candidates.
+    fn case<'a>(&'a self, dataset: &'a Dataset) -> Case<'a> {
+        let poses = dataset.poses();
+        let clip = usize::try_from(poses.clips[self.pose]).ok();
+        let names = &dataset.header().attributes.clip_names;
+        Case {
+            pose: self.pose,
+            clip: clip.and_then(|clip| names.get(clip)).map_or("", String::as_str),
+            time_s: poses.times_s[self.pose],
+            split: split(poses.splits[self.pose]).into(),
+            normals: &self.normals,
+            reference1: &self.references[0],
+            reference2: &self.references[1],
+            candidates: &[],
+        }
+    }
+}
+
+/// A model's coefficients at a pose of the data set, root frame.
+fn predict(model: &Model, dataset: &Dataset, pose: usize, out: &mut [f32]) -> Result<(), Error> {
+    let layout = &dataset.header().layout;
+    let row = |width: usize| pose * width..(pose + 1) * width;
+    model.evaluate(&dataset.parameters()[row(layout.parameters)], None, out)?;
+    model.to_root_frame(&dataset.bone_rotations()[row(layout.bones)], None, out)?;
+    Ok(())
+}
+
+fn split(index: u8) -> Split {
+    match index {
+        1 => Split::Novel,
+        2 => Split::Interpolated,
+        3 => Split::WithinClip,
+        _ => Split::Training,
+    }
+}
+
+fn signal(signal: model::Signal) -> measure::Signal {
+    match signal {
+        model::Signal::Ao => measure::Signal::Ao,
+        model::Signal::Visibility => measure::Signal::Visibility,
+        model::Signal::Transfer => measure::Signal::Transfer,
+    }
+}

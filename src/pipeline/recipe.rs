@@ -1,0 +1,266 @@
+//! The recipe: one versioned JSON document that says everything about a job.
+//!
+//! This is the raw form, as a user writes it; [`super::Checked`] is what runs. Every field may be
+//! left out and then takes the default given here, the one place where defaults live.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// The version that this crate reads and writes.
+pub const VERSION: u32 = 1;
+
+/// A whole job.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Recipe {
+    /// Version of the document, 1.
+    pub version: u32,
+    /// What is baked.
+    #[serde(default)]
+    pub scene: SceneRecipe,
+    /// In which poses.
+    #[serde(default)]
+    pub poses: PosesRecipe,
+    /// Which signal, how finely.
+    #[serde(default)]
+    pub bake: BakeRecipe,
+    /// Which model.
+    #[serde(default)]
+    pub fit: FitRecipe,
+    /// What the model is for, and how its error is proven.
+    #[serde(default)]
+    pub target: TargetRecipe,
+    /// What is written.
+    #[serde(default)]
+    pub output: OutputRecipe,
+}
+
+impl Default for Recipe {
+    fn default() -> Self {
+        Self {
+            version: VERSION,
+            scene: SceneRecipe::default(),
+            poses: PosesRecipe::default(),
+            bake: BakeRecipe::default(),
+            fit: FitRecipe::default(),
+            target: TargetRecipe::default(),
+            output: OutputRecipe::default(),
+        }
+    }
+}
+
+/// The scene to bake.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct SceneRecipe {
+    /// File name of a `.glb`, `.gltf` or `.obj`. In a stored recipe only the name remains, for its
+    /// bytes are named by `sha256`.
+    pub file: String,
+    /// SHA-256 over the scene's files, in hexadecimal; filled in when the recipe is resolved.
+    pub sha256: Option<String>,
+}
+
+/// The poses to bake, and which of them prove the model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct PosesRecipe {
+    /// Names of the clips to use; all when absent.
+    pub clips: Option<Vec<String>>,
+    /// Names of the clips that are kept from training and measure novel motion. When absent, a
+    /// quarter of the clips chosen by `seed`; for a scene of one clip, its last quarter.
+    pub hold_out: Option<Vec<String>>,
+    /// Poses per second of clip, hertz, 0.1 to 1000.
+    pub rate_hz: f32,
+    /// Every k-th pose of a training clip is kept from training, to measure interpolation; 0 keeps
+    /// none.
+    pub interpolated_every: u32,
+    /// A pose that differs from an earlier one of its split by less than this in every parameter
+    /// (radians, lengths over the model's size, morph weights) is dropped; 0 drops none.
+    pub near_repeat: f32,
+    /// How a pose becomes numbers.
+    pub parametrisation: ParametrisationName,
+    /// Seed of every choice of poses.
+    pub seed: u64,
+}
+
+impl Default for PosesRecipe {
+    fn default() -> Self {
+        Self {
+            clips: None,
+            hold_out: None,
+            rate_hz: 30.0,
+            interpolated_every: 10,
+            near_repeat: 0.005,
+            parametrisation: ParametrisationName::JointAngles,
+            seed: 1,
+        }
+    }
+}
+
+/// How a pose becomes numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ParametrisationName {
+    /// Rotation vectors relative to each joint's mean rotation, with animated lengths, scales and
+    /// morph weights.
+    JointAngles,
+}
+
+/// The signal and how finely it is sampled.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct BakeRecipe {
+    /// What is baked at every point.
+    pub signal: SignalName,
+    /// Order of the spherical harmonics, 1 to 10: n² coefficients. Ambient occlusion has one
+    /// number whatever the order.
+    pub order: u8,
+    /// Rays per point and pose, 1 to 1,000,000.
+    pub rays: u32,
+    /// Metres beyond which nothing occludes; unbounded when absent.
+    pub max_distance_m: Option<f32>,
+    /// Seed of all directions.
+    pub seed: u64,
+}
+
+impl Default for BakeRecipe {
+    fn default() -> Self {
+        Self { signal: SignalName::Transfer, order: 6, rays: 500, max_distance_m: None, seed: 1 }
+    }
+}
+
+/// The signals by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum SignalName {
+    /// Ambient occlusion, (1/π) ∫ V (n·ω)₊ dω: 1 where nothing occludes.
+    Ao,
+    /// Spherical harmonics of V over the whole sphere.
+    Visibility,
+    /// Spherical harmonics of V (n·ω)₊ / π: a dot product with a light gives shading.
+    Transfer,
+}
+
+/// The model family and its sizes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct FitRecipe {
+    /// The family.
+    pub family: FamilyName,
+    /// Pose dimensions that `pca-linear` keeps; fewer where the poses have fewer.
+    pub inputs: u32,
+    /// Output dimensions that `pca-linear` keeps; fewer where the data have fewer.
+    pub outputs: u32,
+    /// The frame in which coefficients are modelled.
+    pub frame: FrameName,
+    /// How the regularisation is chosen.
+    pub ridge: RidgeName,
+    /// The regularisation α where `ridge` is `fixed`.
+    pub alpha: Option<f64>,
+    /// Seed of randomised algorithms.
+    pub seed: u64,
+}
+
+impl Default for FitRecipe {
+    fn default() -> Self {
+        Self {
+            family: FamilyName::PcaLinear,
+            inputs: 8,
+            outputs: 22,
+            frame: FrameName::Bone,
+            ridge: RidgeName::LeaveOneClipOut,
+            alpha: None,
+            seed: 1,
+        }
+    }
+}
+
+/// The model families by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum FamilyName {
+    /// The mean over training poses.
+    Mean,
+    /// Linear in all pose parameters.
+    Linear,
+    /// Linear between principal components of poses and of signals.
+    PcaLinear,
+}
+
+/// Frames of coefficients by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum FrameName {
+    /// The character's root.
+    Root,
+    /// Each vertex's dominant bone.
+    Bone,
+}
+
+/// Ways to choose the regularisation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum RidgeName {
+    /// Least error on poses left out one at a time.
+    LeaveOneOut,
+    /// Least error on clips left out one at a time; with one clip, as `leave-one-out`.
+    LeaveOneClipOut,
+    /// `alpha`.
+    Fixed,
+}
+
+/// What the model is for, and how its error is proven.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct TargetRecipe {
+    /// The motion that counts: `trained` is compression and uses no regularisation.
+    pub on: OnName,
+    /// The model is measured against references of this many times the bake's rays, 8 to 1024.
+    pub reference_factor: u32,
+    /// Poses of each split that the references cover, chosen by seed; all where a split has fewer.
+    pub reference_poses: u32,
+    /// Largest novel error accepted, as RMSE of a coefficient; when missed, the exit status is 3.
+    pub max_error: Option<f32>,
+}
+
+impl Default for TargetRecipe {
+    fn default() -> Self {
+        Self { on: OnName::Novel, reference_factor: 8, reference_poses: 100, max_error: None }
+    }
+}
+
+/// The motion that a model is meant for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum OnName {
+    /// Motion that was not trained on.
+    Novel,
+    /// The training motion itself.
+    Trained,
+}
+
+/// What is written.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct OutputRecipe {
+    /// How the model's numbers are stored.
+    pub precision: PrecisionName,
+}
+
+impl Default for OutputRecipe {
+    fn default() -> Self {
+        Self { precision: PrecisionName::F32 }
+    }
+}
+
+/// Storage of a model's numbers by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum PrecisionName {
+    /// 32-bit floating point.
+    F32,
+    /// 16-bit floating point.
+    F16,
+    /// 8-bit integers with a scale per column.
+    I8,
+}

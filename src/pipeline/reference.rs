@@ -1,0 +1,127 @@
+//! The references that a model is measured against: two bakes of many rays and different seeds,
+//! over poses that were chosen before anything was fitted.
+
+use std::time::Instant;
+
+use super::bake::bake_poses;
+use super::progress::{Progress, Stage, Watch};
+use super::{Checked, Error, Job, ReferenceSettings, hash, recipe_of, subset};
+use crate::bake::{self, Baker};
+use crate::dataset::{Dataset, Reference, ReferenceHeader, ReferencePose};
+use crate::num::random;
+use crate::rig::Deformed;
+use crate::scene::{self, Limits};
+
+/// What baking the references did.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReferenceBaked {
+    /// Poses that the references cover.
+    pub poses: usize,
+    /// Rays per point and pose of each reference.
+    pub rays_per_point: u32,
+    /// Bakes of a pose that this run did, of twice `poses`.
+    pub baked_now: u64,
+    /// Rays that this run cast.
+    pub rays: u64,
+    /// Wall time of this run's baking, seconds.
+    pub bake_s: f64,
+}
+
+/// Bakes what the references of a complete data set lack.
+///
+/// The scene is taken from the data set itself.
+///
+/// # Errors
+/// [`Error::Cancelled`] when the caller asked to stop, and what the stages object to.
+pub fn bake_reference(
+    dataset: &Dataset,
+    settings: ReferenceSettings,
+    watch: &Watch,
+) -> Result<ReferenceBaked, Error> {
+    let header = header(dataset, settings)?;
+    let poses = header.poses.len();
+    let rays_per_point = header.rays;
+    let mut reference = Reference::open_or_create(dataset, &header)?;
+    let missing = reference.missing();
+    let start = Instant::now();
+    let mut rays = 0;
+    if !missing.is_empty() {
+        let job = job_of(dataset)?;
+        let bakers = header.seeds.map(|seed| baker(&job, rays_per_point, seed));
+        let [first, second] = bakers;
+        let bakers = [first?, second?];
+        let total = 2 * poses as u64;
+        let there = total - missing.len() as u64;
+        for (done, &(seed, index)) in missing.iter().enumerate() {
+            rays += bake_one(&job, &bakers[seed], &mut reference, (seed, index), watch)
+                .map_err(|error| named(error, there + done as u64, total))?;
+            (watch.report)(Progress {
+                stage: Stage::Reference,
+                done: there + done as u64 + 1,
+                total,
+                rays,
+                elapsed_s: start.elapsed().as_secs_f64(),
+            });
+        }
+    }
+    let baked_now = missing.len() as u64;
+    Ok(ReferenceBaked {
+        poses,
+        rays_per_point,
+        baked_now,
+        rays,
+        bake_s: start.elapsed().as_secs_f64(),
+    })
+}
+
+/// The job that a data set was baked from.
+///
+/// # Errors
+/// If its scene or recipe no longer reads.
+pub fn job_of(dataset: &Dataset) -> Result<Job, Error> {
+    let scene = scene::import_sources(dataset.sources()?, &Limits::default())?;
+    Job::new(scene, recipe_of(dataset)?)
+}
+
+fn header(dataset: &Dataset, settings: ReferenceSettings) -> Result<ReferenceHeader, Error> {
+    let recipe = recipe_of(dataset)?;
+    let rays = recipe.bake.rays.saturating_mul(settings.factor).min(bake::MOST_RAYS);
+    let seed = recipe.bake.seed;
+    // Seeds that no bake of this recipe uses.
+    let seeds = [1, 2].map(|which| random::hash(&[seed, 0x7265_6665_7265_6e63, which]));
+    let chosen = subset::choose(dataset.splits(), dataset.clips(), settings.poses, seed);
+    let bake = dataset.header().attributes.hashes.get("bake").cloned().unwrap_or_default();
+    let hash = hash::reference(&bake, rays, seeds, &chosen);
+    Ok(ReferenceHeader { poses: chosen, rays, seeds, hash })
+}
+
+fn baker(job: &Job, rays: u32, seed: u64) -> Result<Baker, Error> {
+    let settings = bake::Settings { rays, seed, ..Checked::new(&job.recipe)?.bake };
+    Ok(Baker::new(&job.scene.mesh.triangles, &job.poses.points, &settings)?)
+}
+
+fn bake_one(
+    job: &Job,
+    baker: &Baker,
+    reference: &mut Reference,
+    (seed, index): (usize, usize),
+    watch: &Watch,
+) -> Result<u64, Error> {
+    let pose = reference.header().poses[index];
+    let mut baked = bake_poses(job, baker, &[pose], watch)?;
+    let baked = baked.swap_remove(0);
+    let Deformed { normals, .. } = job.deformed(pose);
+    let normals: Vec<_> =
+        job.poses.points.vertex.iter().map(|&vertex| normals[vertex as usize]).collect();
+    let data =
+        ReferencePose { coefficients: &baked.coefficients, noise: &baked.noise, normals: &normals };
+    reference.commit(seed, index, &data)?;
+    Ok(baked.rays.iter().map(|&rays| u64::from(rays)).sum())
+}
+
+fn named(error: Error, done: u64, total: u64) -> Error {
+    match error {
+        Error::Bake(bake::Error::Cancelled) => Error::Cancelled { done, total },
+        other => other,
+    }
+}

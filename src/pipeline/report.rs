@@ -1,0 +1,169 @@
+//! What a run knows, gathered for the report page.
+
+use crate::dataset::Dataset;
+use crate::fit::FitReport;
+use crate::measure::Split;
+use crate::measure::report::{
+    Character, ClipFacts, LeftOut, ModelFacts, Phase, ReportInput, RestMesh, Spectrum, Times, html,
+};
+use crate::model::{Model, Precision};
+
+use super::{Figures, Job};
+
+/// The page of a measured model.
+#[must_use]
+pub(super) fn page(
+    job: &Job,
+    dataset: &Dataset,
+    model: &Model,
+    figures: &Figures,
+    report: &FitReport,
+) -> String {
+    let recipe =
+        serde_json::to_string_pretty(&model.header().provenance.recipe).unwrap_or_default();
+    let kept = |count: usize| (count > 0).then_some(count);
+    let mesh = dataset.mesh();
+    html(&ReportInput {
+        title: &job.recipe.scene.file,
+        made_by: concat!("poselight ", env!("CARGO_PKG_VERSION")),
+        machine: &machine(),
+        measured: &figures.measured,
+        character: character(job),
+        model: model_facts(dataset, model, figures, report),
+        pose_spectrum: Spectrum {
+            values: &figures.spectra.pose,
+            total: None,
+            kept: kept(figures.model.inputs),
+        },
+        output_spectrum: Spectrum {
+            values: &figures.spectra.output,
+            total: Some(figures.spectra.output_energy),
+            kept: kept(figures.model.outputs),
+        },
+        times: times(dataset, job, figures),
+        rest: Some(RestMesh {
+            positions: &mesh.positions,
+            triangles: &mesh.triangles,
+            point_of_vertex: &mesh.point_of_vertex,
+        }),
+        left_out: left_out(job),
+        warnings: report.notices.clone(),
+        recipe: &recipe,
+        hashes: model.header().provenance.hashes.clone().into_iter().collect(),
+    })
+}
+
+/// The processor and how many threads worked.
+fn machine() -> String {
+    let threads = rayon::current_num_threads();
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = info
+        .lines()
+        .find_map(|line| line.strip_prefix("model name"))
+        .map_or(std::env::consts::ARCH, |rest| rest.trim_start_matches([' ', '\t', ':']));
+    format!("{name}, {threads} threads, {}", crate::num::cpu::Isa::best().name())
+}
+
+fn character(job: &Job) -> Character {
+    let mesh = &job.scene.mesh;
+    let training = |sample: &&crate::pose::Sample| sample.split == crate::pose::Split::Training;
+    let mut joints: Vec<usize> = mesh.deformers.iter().map(|deformer| deformer.node).collect();
+    joints.sort_unstable();
+    joints.dedup();
+    Character {
+        vertices: mesh.positions.len(),
+        triangles: mesh.triangles.len(),
+        joints: joints.len(),
+        morphs: mesh.weight_names.len(),
+        size_m: job.poses.size_m,
+        parameters: job.poses.parametrisation.columns.len(),
+        training_poses: job.poses.samples.iter().filter(training).count(),
+        rays: job.checked.bake.rays,
+        clips: clips(job),
+    }
+}
+
+fn clips(job: &Job) -> Vec<ClipFacts> {
+    let names = job.poses.clip_names.iter().enumerate();
+    names
+        .map(|(index, name)| {
+            let samples: Vec<_> =
+                job.poses.samples.iter().filter(|sample| sample.clip == index).collect();
+            let mut splits: Vec<Split> = samples.iter().map(|s| s.split.into()).collect();
+            splits.sort_unstable();
+            splits.dedup();
+            let clip = job.scene.clips.iter().find(|clip| &clip.name == name);
+            ClipFacts {
+                name: name.clone(),
+                duration_s: clip.map_or(0.0, |clip| clip.duration_s),
+                poses: samples.len(),
+                splits,
+            }
+        })
+        .collect()
+}
+
+fn model_facts(
+    dataset: &Dataset,
+    model: &Model,
+    figures: &Figures,
+    report: &FitReport,
+) -> ModelFacts {
+    let layout = &dataset.header().layout;
+    let mesh_bytes = (layout.points * layout.row() * 4) as u64;
+    let training = dataset.splits().iter().filter(|&&split| split == 0).count() as u64;
+    let sizes = &figures.model;
+    let family = if sizes.outputs > 0 {
+        format!("{} ({}, {})", sizes.family, sizes.inputs, sizes.outputs)
+    } else {
+        sizes.family.clone()
+    };
+    ModelFacts {
+        family,
+        frame: sizes.frame.clone(),
+        alpha: report.alpha,
+        sizes: precisions(model, figures),
+        training_bytes: mesh_bytes * training,
+        mesh_bytes,
+        multiply_adds: sizes.multiply_adds,
+        evaluate_us: Some(figures.times.evaluate_us),
+        folded_us: figures.times.folded_us,
+    }
+}
+
+/// Bytes of the tensors, which is what the published sizes count: the model, then its precisions.
+fn precisions(model: &Model, figures: &Figures) -> Vec<(String, u64)> {
+    let numbers = model.shape().numbers(model.header().family);
+    let own = model.header().precision;
+    let smaller = Precision::ALL.iter().filter(|p| p.bytes() < own.bytes());
+    std::iter::once(("model".to_owned(), figures.model.tensor_bytes))
+        .chain(smaller.map(|p| (p.name().to_owned(), numbers * p.bytes())))
+        .collect()
+}
+
+fn times(dataset: &Dataset, job: &Job, figures: &Figures) -> Times {
+    let layout = &dataset.header().layout;
+    let phases = figures.times.fit_phases_s.iter().filter(|(name, _)| *name != "total_s");
+    Times {
+        bake_s: figures.times.bake_s,
+        bake_rays: layout.poses as u64 * layout.points as u64 * u64::from(job.checked.bake.rays),
+        bake_poses: layout.poses,
+        reference_s: figures.times.reference_s,
+        fit: phases
+            .map(|(name, &seconds)| Phase {
+                name: name.trim_end_matches("_s").replace('_', " "),
+                seconds,
+                pca: name.contains("basis"),
+            })
+            .collect(),
+    }
+}
+
+fn left_out(job: &Job) -> LeftOut {
+    LeftOut {
+        dropped: job.poses.parametrisation.dropped.clone(),
+        near_repeats: job.poses.near_repeats.iter().map(|repeat| repeat.dropped).sum(),
+        near_repeat: job.checked.poses.near_repeat,
+        notices: job.scene.notices.clone(),
+    }
+}

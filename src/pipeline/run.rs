@@ -1,0 +1,133 @@
+//! All stages in one: a scene in, a measured model and its report out.
+
+use std::path::Path;
+
+use super::figures::{Figures, ModelFigures, Spectra, Story, Times};
+use super::recipe::Recipe;
+use super::{
+    Baked, Checked, Error, FittedModel, Job, ReferenceSettings, Watch, bake, bake_reference, files,
+    fit, job_of, measure, report, timing,
+};
+use crate::dataset::Dataset;
+use crate::measure::{Measured, Split};
+use crate::model::Model;
+
+/// Names of the results in the output folder.
+const DATASET: &str = "dataset.zarr";
+const MODEL: &str = "model.safetensors";
+const FIGURES: &str = "figures.json";
+const REPORT: &str = "report.html";
+const RECIPE: &str = "recipe.json";
+
+/// Bounds what is read back.
+const MOST_FIGURES_BYTES: u64 = 256 << 20;
+
+/// What a run came to.
+#[derive(Debug)]
+pub struct Outcome {
+    /// What the bake did.
+    pub baked: Baked,
+    /// Everything that was measured.
+    pub figures: Figures,
+    /// Whether the stated target is met; true where none is stated.
+    pub met: bool,
+    /// Whether model and figures were made now, or were there under the same hash.
+    pub made: bool,
+}
+
+/// Runs a job into a folder; what is there under the right hash is kept.
+///
+/// # Errors
+/// [`Error::Cancelled`] when the caller asked to stop (the next run continues), and what the
+/// stages object to.
+pub fn run(job: &Job, folder: &Path, watch: &Watch) -> Result<Outcome, Error> {
+    let settings = job.checked.reference;
+    let baked = bake(job, &folder.join(DATASET), watch)?;
+    let dataset = Dataset::open(&folder.join(DATASET))?;
+    if let Some(figures) = finished(job, folder) {
+        let met = meets_target(&figures.measured, settings);
+        return Ok(Outcome { baked, figures, met, made: false });
+    }
+    let referenced = bake_reference(&dataset, settings, watch)?;
+    let FittedModel { mut model, report, fit_s } = fit(&dataset, &job.recipe)?;
+    let story = Story { baked: Some(&baked), referenced: &referenced, report: &report, fit_s };
+    let figures = assess(&mut model, &dataset, &job.recipe, &story, watch)?;
+    let blob = model.to_bytes(job.checked.precision)?;
+    let page = report::page(job, &dataset, &model, &figures, &report);
+    files::publish(&folder.join(RECIPE), &json("the recipe", &job.recipe)?)?;
+    files::publish(&folder.join(MODEL), &blob)?;
+    files::publish(&folder.join(REPORT), page.as_bytes())?;
+    files::publish(&folder.join(FIGURES), &json("the figures", &figures)?)?;
+    let met = meets_target(&figures.measured, settings);
+    Ok(Outcome { baked, figures, met, made: true })
+}
+
+/// A given model against its data set: figures and report page. References are baked into the data
+/// set where it lacks them.
+///
+/// # Errors
+/// As [`run`].
+pub fn examine(
+    model: &mut Model,
+    dataset: &Dataset,
+    recipe: &Recipe,
+    watch: &Watch,
+) -> Result<(Figures, String), Error> {
+    let settings = Checked::new(recipe)?.reference;
+    let referenced = bake_reference(dataset, settings, watch)?;
+    // The blob does not carry the spectra and the search for α; the same fit finds them again.
+    let FittedModel { report, fit_s, .. } = fit(dataset, recipe)?;
+    let story = Story { baked: None, referenced: &referenced, report: &report, fit_s };
+    let figures = assess(model, dataset, recipe, &story, watch)?;
+    let page = report::page(&job_of(dataset)?, dataset, model, &figures, &report);
+    Ok((figures, page))
+}
+
+/// Measures a model and puts the errors into its header.
+fn assess(
+    model: &mut Model,
+    dataset: &Dataset,
+    recipe: &Recipe,
+    story: &Story,
+    watch: &Watch,
+) -> Result<Figures, Error> {
+    let measured = measure(model, dataset, recipe, watch)?;
+    model.set_errors(super::figures::errors(&measured));
+    let bytes = model.to_bytes(model.header().precision)?.len() as u64;
+    Ok(Figures {
+        fit_hash: model.header().provenance.hashes.get("fit").cloned().unwrap_or_default(),
+        model: ModelFigures::of(model, bytes, story.report),
+        times: Times::new(story, &timing::evaluate(model, dataset)?),
+        spectra: Spectra::of(story.report),
+        measured,
+    })
+}
+
+/// The figures of an earlier run of the same job, if all its results are there.
+fn finished(job: &Job, folder: &Path) -> Option<Figures> {
+    let bytes = files::read(&folder.join(FIGURES), MOST_FIGURES_BYTES).ok()?;
+    let figures: Figures = serde_json::from_slice(&bytes).ok()?;
+    let model = files::read(&folder.join(MODEL), u64::MAX - 1).ok()?;
+    let model = Model::from_bytes(&model).ok()?;
+    let named = model.header().provenance.hashes.get("fit") == Some(&job.hashes.fit);
+    let whole = folder.join(REPORT).is_file() && folder.join(RECIPE).is_file();
+    (named && whole && figures.fit_hash == job.hashes.fit).then_some(figures)
+}
+
+/// Whether the error on the motion that counts is within the target.
+///
+/// The split is the measurement's headline: novel clips where there are any. An error that cannot
+/// be told from the references' noise meets every target.
+#[must_use]
+pub fn meets_target(measured: &Measured, settings: ReferenceSettings) -> bool {
+    let Some(most) = settings.max_error else { return true };
+    let split = measured.headline.unwrap_or(Split::Training);
+    let model = measured
+        .split(split)
+        .and_then(|split| split.candidates.iter().find(|c| c.name == measured.model));
+    model.and_then(|model| model.coefficients.rms).is_none_or(|rms| rms <= f64::from(most))
+}
+
+fn json(what: &str, value: &impl serde::Serialize) -> Result<Vec<u8>, Error> {
+    serde_json::to_vec_pretty(value).map_err(|source| Error::Json { what: what.to_owned(), source })
+}
