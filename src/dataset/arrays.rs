@@ -4,8 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value};
 
-use super::files::{self, Content};
-use super::{Error, Layout, json};
+use super::{Error, Layout, files, json};
 
 /// Element types of the format, all little-endian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -140,7 +139,7 @@ impl Array {
     pub(super) fn create(&self, root: &Path) -> Result<(), Error> {
         let folder = self.folder(root);
         files::create_folder(&folder)?;
-        files::replace(&folder, "zarr.json", &Content::of(json::text(&self.metadata())))
+        json::write(&folder, &self.metadata(), json::ARRAY_BYTES)
     }
 
     /// Whether the `zarr.json` on disk says what the layout demands, field by field. A user may

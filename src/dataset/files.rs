@@ -89,6 +89,7 @@ fn sync_folder(path: &Path) -> Result<(), Error> {
 
 /// Begins a new group in `folder`: removes what an interrupted creation left, refuses a folder
 /// with anything else in it, and marks it as being created. `own` names the entries of the format.
+/// The group's `zarr.json` and [`remove_temporaries`] end the creation.
 pub(super) fn begin_group(folder: &Path, own: &[String]) -> Result<(), Error> {
     let names = entries(folder)?;
     let begun = names.iter().any(|name| name == CREATING);
@@ -109,12 +110,6 @@ pub(super) fn begin_group(folder: &Path, own: &[String]) -> Result<(), Error> {
     let marker = folder.join(CREATING);
     step().and_then(|()| File::create_new(&marker)).map_err(Error::io("create", &marker))?;
     sync_folder(folder)
-}
-
-/// Ends what [`begin_group`] began, by the group's `zarr.json`.
-pub(super) fn finish_group(folder: &Path, metadata: Vec<u8>) -> Result<(), Error> {
-    replace(folder, "zarr.json", &Content::of(metadata))?;
-    remove_temporaries(folder)
 }
 
 /// Removes every temporary in `folder` (not below it).

@@ -5,16 +5,22 @@ use std::path::Path;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 
-use super::{Error, files};
+use super::Error;
+use super::files::{self, Content};
 
 /// Bound of an array's `zarr.json`.
 pub(super) const ARRAY_BYTES: u64 = 1 << 20;
 /// Bound of a group's `zarr.json`, which holds recipe, rig and names.
 pub(super) const GROUP_BYTES: u64 = 64 << 20;
 
-/// As it is written: indented, with a line feed at the end.
-pub(super) fn text(value: &Value) -> Vec<u8> {
-    format!("{value:#}\n").into_bytes()
+/// Writes the `zarr.json` of a folder, indented, unless readers would find it too large.
+pub(super) fn write(folder: &Path, value: &Value, limit: u64) -> Result<(), Error> {
+    let text = format!("{value:#}\n");
+    let bytes = text.len() as u64;
+    if bytes > limit {
+        return Err(Error::TooLarge { path: folder.join("zarr.json"), bytes, limit });
+    }
+    files::replace(folder, "zarr.json", &Content::of(text.into_bytes()))
 }
 
 /// The object that a metadata file holds.

@@ -290,7 +290,8 @@ fn create(root: &Path, arrays: &Arrays, header: &ReferenceHeader, bake: &str) ->
             "poses": header.poses,
         },
     });
-    files::finish_group(root, fields::text(&metadata))
+    fields::write(root, &metadata, fields::GROUP_BYTES)?;
+    files::remove_temporaries(root)
 }
 
 fn read_header(root: &Path, dataset: &Dataset) -> Result<ReferenceHeader, Error> {

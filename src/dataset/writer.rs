@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 
 use super::arrays::{self, Array};
 use super::files::{self, Content};
+use super::layout::MAX_TABLE_BYTES;
 use super::tables::Tables;
 use super::values::bytes_of;
 use super::{Error, Header, Layout, Static, blocks, json as fields};
@@ -164,12 +165,18 @@ fn create(
     let folder = root.join("source");
     files::create_folder(&folder)?;
     for (index, source) in sources.iter().enumerate() {
+        let bytes = source.bytes.len() as u64;
+        if bytes > MAX_TABLE_BYTES {
+            let path = source.name.clone().into();
+            return Err(Error::TooLarge { path, bytes, limit: MAX_TABLE_BYTES });
+        }
         let array = arrays::source(index, &source.name, source.bytes.len());
         write_table(root, &array, Cow::Borrowed(&source.bytes))?;
     }
-    let group = fields::text(&sources_metadata(sources));
-    files::replace(&folder, "zarr.json", &Content::of(group))?;
-    files::finish_group(root, fields::text(&header.to_json()))
+    fields::write(&folder, &sources_metadata(sources), fields::GROUP_BYTES)?;
+    fields::write(root, &header.to_json(), fields::GROUP_BYTES)?;
+    // The mark of an unfinished creation.
+    files::remove_temporaries(root)
 }
 
 /// The `zarr.json` of group `source`.

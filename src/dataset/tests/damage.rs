@@ -244,6 +244,12 @@ fn wrong_input() {
     let error = open(&header(none), &statics(&none)).unwrap();
     assert!(matches!(error, Error::Layout { field: "poses", found: 0, .. }), "{error}");
     assert!(tree(place.path()).is_empty());
+    // A header that no reader would take is not written in the first place.
+    let mut endless = header(LAYOUT);
+    endless.attributes.recipe = json!("x".repeat(65 << 20));
+    let error = open(&endless, &statics(&LAYOUT)).unwrap();
+    assert!(matches!(error, Error::TooLarge { .. }), "{error}");
+    assert!(!place.path().join("zarr.json").exists());
 
     let mut writer = Writer::open(place.path(), &header(LAYOUT), &statics(&LAYOUT)).unwrap();
     let mut poses = block(&LAYOUT, 1);
