@@ -1,4 +1,5 @@
 use std::collections::BTreeSet;
+use std::sync::OnceLock;
 
 use glam::{Quat, Vec3};
 
@@ -66,7 +67,7 @@ fn imports_without_a_remark() {
 /// Proves that weights are smooth: along no edge does a joint's weight change by more than a third.
 #[test]
 fn smooth_weights() {
-    let mesh = imported().mesh;
+    let mesh = &imported().mesh;
     let weight = |vertex: u32, deformer: u32| {
         let own = mesh.influences_of(vertex as usize).iter();
         own.filter(|influence| influence.deformer == deformer).map(|i| i.weight).sum::<f32>()
@@ -146,9 +147,13 @@ fn feet_on_the_ground() {
     }
 }
 
-fn imported() -> Scene {
-    let source = Source { name: "figure.glb".into(), bytes: figure() };
-    import_sources(vec![source], &Limits::default()).unwrap()
+/// Made once: it takes a while in a build without optimisation.
+fn imported() -> &'static Scene {
+    static SCENE: OnceLock<Scene> = OnceLock::new();
+    SCENE.get_or_init(|| {
+        let source = Source { name: "figure.glb".into(), bytes: figure() };
+        import_sources(vec![source], &Limits::default()).unwrap()
+    })
 }
 
 /// The pose of a clip on one of its keys, which all channels share.
