@@ -150,14 +150,14 @@ impl LeaveOut<'_> {
         let t = Mat::<f64>::identity(k, k) + product(prediction.as_ref(), regressors.transpose());
         let y = product(t.as_ref(), fold.u.as_ref()) - prediction.subcols(1, r);
         let cross = self.moments.cross.subcols(fold.first_row, k);
-        trace_of_product(product(t.as_ref(), self.moments.blocks[i].as_ref()), t.as_ref())
-            + 2.0 * trace_of_product(product(t.as_ref(), cross.transpose()), y.as_ref())
-            + trace_of_product(product(y.as_ref(), self.moments.gram.as_ref()), y.as_ref())
+        trace_of_product(&product(t.as_ref(), self.moments.blocks[i].as_ref()), t.as_ref())
+            + 2.0 * trace_of_product(&product(t.as_ref(), cross.transpose()), y.as_ref())
+            + trace_of_product(&product(y.as_ref(), self.moments.gram.as_ref()), y.as_ref())
     }
 }
 
 /// tr(A Bᵀ).
-fn trace_of_product(a: Mat<f64>, b: MatRef<'_, f64>) -> f64 {
+fn trace_of_product(a: &Mat<f64>, b: MatRef<'_, f64>) -> f64 {
     let of_column = |j| a.col(j).iter().zip(b.col(j).iter()).map(|(a, b)| a * b).sum::<f64>();
     (0..a.ncols()).map(of_column).sum()
 }

@@ -51,7 +51,6 @@ pub(super) fn fit(
     solve(&mut weights, regression, &choice.filter);
     clock.lap("solve_s");
     let mut report = regression.report(&choice, &moments, outputs, 0.0);
-    report.output_variance_retained = 1.0;
     report.passes = 1;
     let training = regression.summary(r, true);
     Ok(Fitted { decoder: Decoder::Linear { mean, weights }, training, report })

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::Error;
 use super::design::fewest;
+use super::mean::moments;
 use super::source::{Block, Source};
 use super::tall_qr::tall_qr;
 use crate::num::linalg::{
@@ -48,6 +49,8 @@ pub(super) struct OutputBasis {
     pub(super) spectrum: Vec<f64>,
     /// Σ y².
     pub(super) energy: f64,
+    /// Σ (y − ȳ)², ȳ the mean over the poses of each point and coefficient.
+    pub(super) spread: f64,
     /// Passes over the data.
     pub(super) passes: usize,
 }
@@ -146,6 +149,7 @@ struct Sketch {
     /// Yᵀ Q, `[point, column]`.
     w: Vec<f32>,
     energy: f64,
+    spread: f64,
     passes: usize,
 }
 
@@ -162,6 +166,7 @@ impl Sketch {
             z: vec![0.0; rows * k],
             w: vec![0.0; source.points() * k],
             energy: 0.0,
+            spread: 0.0,
             passes: 0,
         };
         this.randomise(0);
@@ -182,7 +187,7 @@ impl Sketch {
         let (k, poses) = (self.k, self.poses);
         let count_energy = self.passes == 0;
         self.z.fill(0.0);
-        let Self { q, z, w, energy, .. } = self;
+        let Self { q, z, w, energy, spread, .. } = self;
         source.for_each_batch(|blocks| {
             let parts: Vec<Vec<f32>> =
                 blocks.par_iter().map(|block| transposed_product(block, q, k, poses)).collect();
@@ -192,8 +197,12 @@ impl Sketch {
                 w[block.points.start * k..block.points.end * k].copy_from_slice(part);
             }
             if count_energy {
-                let energies: Vec<f64> = blocks.par_iter().map(energy_of).collect();
-                energies.iter().for_each(|e| *energy += e);
+                let of_blocks: Vec<(Vec<f64>, f64)> =
+                    blocks.par_iter().map(|block| moments(block, poses)).collect();
+                for (mean, deviations) in of_blocks {
+                    *spread += deviations;
+                    *energy += deviations + poses as f64 * mean.iter().map(|x| x * x).sum::<f64>();
+                }
             }
             Ok(())
         })?;
@@ -261,8 +270,8 @@ impl Sketch {
             let exact = exact.row_iter().flat_map(|row| row.iter());
             out.iter_mut().zip(exact).for_each(|(out, &x)| *out = x as f32);
         });
-        let Self { energy, passes, .. } = self;
-        Ok(OutputBasis { vectors, outputs, spectrum, energy, passes })
+        let Self { energy, spread, passes, .. } = self;
+        Ok(OutputBasis { vectors, outputs, spectrum, energy, spread, passes })
     }
 }
 
@@ -276,16 +285,4 @@ fn transposed_product(block: &Block, q: &[f32], k: usize, poses: usize) -> Vec<f
         multiply_add(w, 1.0, y, rows_of(q, per_pose / k, k));
     }
     w
-}
-
-/// Σ y².
-fn energy_of(block: &Block) -> f64 {
-    // A few sums side by side, which vector units add at once.
-    let mut sums = [0.0f64; 16];
-    let chunks = block.values.chunks_exact(16);
-    let rest: f64 = chunks.remainder().iter().map(|&x| f64::from(x).powi(2)).sum();
-    for chunk in chunks {
-        sums.iter_mut().zip(chunk).for_each(|(sum, &x)| *sum += f64::from(x).powi(2));
-    }
-    sums.iter().sum::<f64>() + rest
 }

@@ -51,6 +51,10 @@ pub(super) fn fit(
     clock.lap("ridge_s");
     let columns = source.points() * source.width();
     let mut report = regression.report(&choice, &regressed.moments, columns, outside);
+    report.spread_rms = (basis.spread / (source.poses() * columns) as f64).sqrt();
+    if basis.spread > 0.0 {
+        report.output_variance_retained = regressed.moments.total / basis.spread;
+    }
     report.outputs = basis.outputs;
     report.output_energy = basis.energy;
     let OutputBasis { vectors, outputs, spectrum, passes, .. } = basis;

@@ -120,6 +120,7 @@ impl<'a> Regression<'a> {
             degrees_of_freedom: choice.filter.degrees_of_freedom(&self.design.s),
             inputs: choice.filter.inputs,
             pose_spectrum: self.design.variances(),
+            output_variance_retained: 1.0,
             notices,
             ..FitReport::default()
         }

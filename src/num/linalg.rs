@@ -198,7 +198,6 @@ pub fn multiply<T: ComplexField>(out: MatMut<'_, T>, a: MatRef<'_, T>, b: MatRef
 ///
 /// # Panics
 /// If the shapes do not agree.
-#[expect(clippy::needless_pass_by_value, reason = "a scale is a plain number, f32 or f64")]
 pub fn multiply_add<T: ComplexField>(
     out: MatMut<'_, T>,
     scale: T,

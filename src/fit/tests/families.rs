@@ -147,6 +147,10 @@ fn basis_is_the_exact_one() {
         let energy: f64 = exact.s.iter().map(|s| s * s).sum();
         assert!((fitted.report.output_energy - energy).abs() < 1e-6 * energy);
         assert!(fitted.report.output_spectrum.len() >= 100);
+        let mean = run(&parts, &settings(Family::Mean)).report;
+        assert!((fitted.report.spread_rms - mean.spread_rms).abs() < 1e-9 * mean.spread_rms);
+        let retained = fitted.report.output_variance_retained;
+        assert!(retained > 0.0 && retained < 1.0, "{retained}");
         for (found, s) in fitted.report.output_spectrum.iter().zip(&exact.s).take(outputs) {
             assert!((found - s * s).abs() < 1e-3 * s * s + 1e-6 * energy);
         }
