@@ -1,0 +1,238 @@
+//! How close the evaluation of P(8,22) comes to the machine's own multiply-add peak, on one core,
+//! beside the slower instruction sets and faer's product; and what folding a light saves.
+//!
+//! `cargo bench --bench evaluate`. Every round runs all contestants in turn, so that what else the
+//! machine does hits all of them; ratios are of the best rounds, medians stand beside.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatRef, Par};
+use glam::Quat;
+use poselight::model::{
+    ColumnHeader, Decoder, FORMAT_VERSION, Family, Frame, Header, MeshIdentity, Model, NodeHeader,
+    Precision, Provenance, RigHeader, Signal, SourceHeader, TrainingSummary, WeightHeader,
+};
+use poselight::num::cpu::Isa;
+use poselight::num::kernels::{Layout, exercise, exercise_operations};
+use poselight::num::random::Stream;
+
+const ROUNDS: usize = 400;
+const PARAMETERS: usize = 54;
+const INPUTS: usize = 8;
+const OUTPUTS: usize = 22;
+const WIDTH: usize = 36;
+const BONES: usize = 31;
+
+/// Seconds of every round of one contestant.
+struct Times(Vec<f64>);
+
+impl Times {
+    fn best(&self) -> f64 {
+        self.0.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+
+    fn median(&self) -> f64 {
+        let mut sorted = self.0.clone();
+        sorted.sort_by(f64::total_cmp);
+        sorted[sorted.len() / 2]
+    }
+}
+
+struct Contestant<'a> {
+    name: String,
+    operations: u64,
+    run: Box<dyn FnMut() + 'a>,
+}
+
+fn contestant<'a>(name: &str, operations: u64, run: impl FnMut() + 'a) -> Contestant<'a> {
+    Contestant { name: name.to_owned(), operations, run: Box::new(run) }
+}
+
+fn numbers(seed: u64, count: usize) -> Vec<f32> {
+    let mut stream = Stream::new(seed);
+    (0..count).map(|_| (stream.normal() * 0.1) as f32).collect()
+}
+
+fn rig() -> RigHeader {
+    let node = |i: usize| NodeHeader {
+        name: format!("joint{i}"),
+        parent: i.checked_sub(1).map(|parent| parent as u32),
+        translation: [0.0; 3],
+        rotation: [0.0, 0.0, 0.0, 1.0],
+        scale: [1.0; 3],
+    };
+    RigHeader {
+        nodes: (0..BONES).map(node).collect(),
+        root_node: Some(0),
+        bones: (0..BONES as u32).collect(),
+        weights: (0..PARAMETERS)
+            .map(|i| WeightHeader { name: format!("{i}"), default: 0.0 })
+            .collect(),
+        columns: (0..PARAMETERS as u32)
+            .map(|slot| ColumnHeader {
+                name: format!("{slot}"),
+                source: SourceHeader::Weight { slot },
+            })
+            .collect(),
+        size_m: 1.0,
+        dropped: Vec::new(),
+    }
+}
+
+fn model(points: usize, frame: Frame) -> Model {
+    let header = Header {
+        format_version: FORMAT_VERSION,
+        family: Family::PcaLinear,
+        precision: Precision::F32,
+        signal: Signal::Transfer,
+        order: 6,
+        channels: 1,
+        frame,
+        conventions: Header::conventions(),
+        rig: rig(),
+        mesh: MeshIdentity {
+            scene_sha256: "0".repeat(64),
+            vertices: points as u32,
+            points: points as u32,
+            parts: Vec::new(),
+        },
+        training: TrainingSummary {
+            poses: 1,
+            centre: vec![0.0; PARAMETERS],
+            deviations: vec![1.0; INPUTS],
+            residual_rms: 0.0,
+            directions: Vec::new(),
+        },
+        errors: [].into(),
+        provenance: Provenance::default(),
+    };
+    let decoder = Decoder::PcaLinear {
+        projection: numbers(1, PARAMETERS * INPUTS),
+        coefficients: numbers(2, WIDTH * (INPUTS + 1) * OUTPUTS),
+        basis: numbers(3, points * OUTPUTS),
+    };
+    // Runs of some tens of points per bone, as along a character's surface.
+    let mut stream = Stream::new(4);
+    let mut bones = Vec::with_capacity(points);
+    while bones.len() < points {
+        let bone = (stream.uniform() * BONES as f64) as u16;
+        let run = 10 + (stream.uniform() * 100.0) as usize;
+        bones.extend(std::iter::repeat_n(bone, run.min(points - bones.len())));
+    }
+    Model::new(header, decoder, (0..points as u32).collect(), bones).expect("a valid model")
+}
+
+fn race(contestants: &mut [Contestant<'_>]) -> Vec<Times> {
+    let mut times: Vec<Times> = contestants.iter().map(|_| Times(Vec::new())).collect();
+    for _ in 0..ROUNDS {
+        for (contestant, times) in contestants.iter_mut().zip(&mut times) {
+            // Once to bring its own data into the caches, as in a frame loop; then the measurement.
+            (contestant.run)();
+            let start = Instant::now();
+            (contestant.run)();
+            times.0.push(start.elapsed().as_secs_f64());
+        }
+    }
+    times
+}
+
+fn report(points: usize) {
+    let (root, bone) = (model(points, Frame::Root), model(points, Frame::Bone));
+    let parameters = numbers(5, PARAMETERS);
+    let light = numbers(6, WIDTH);
+    let turned = vec![Quat::from_xyzw(0.1, 0.2, 0.3, 0.9).normalize(); BONES];
+    let (folded, bone_folded) = (
+        root.fold(&light, &[]).expect("transfer folds"),
+        bone.fold(&light, &turned).expect("transfer folds"),
+    );
+    let operations = 2 * root.shape().multiply_adds(Family::PcaLinear);
+    let Decoder::PcaLinear { basis, .. } = root.decoder() else { unreachable!("built above") };
+    let reduced = numbers(7, OUTPUTS * WIDTH);
+    let left = MatRef::from_row_major_slice(&basis, points, OUTPUTS);
+    let right = MatRef::from_row_major_slice(&reduced, OUTPUTS, WIDTH);
+    let mut product = Mat::<f32>::zeros(WIDTH, points);
+
+    let [mut a, mut b, mut c, mut d] = [(); 4].map(|()| vec![0.0_f32; points]);
+    let rounds = 20_000;
+    let mut outputs: Vec<Vec<f32>> = (0..12).map(|_| vec![0.0; points * WIDTH]).collect();
+    let mut outputs = outputs.iter_mut();
+    let mut contestants = Vec::new();
+    for isa in Isa::available() {
+        let peak = 2 * rounds * exercise_operations(isa);
+        contestants.push(contestant(&format!("peak, {}", isa.name()), peak, move || {
+            black_box(exercise(isa, rounds, black_box(0.999), black_box(0.001)));
+        }));
+    }
+    for isa in Isa::available() {
+        let layouts = [(Layout::Rows, "[point, coefficient]"), (Layout::Planar, "planar")];
+        for (layout, name) in layouts {
+            let out = outputs.next().expect("enough outputs");
+            let (root, parameters) = (&root, &parameters);
+            contestants.push(contestant(
+                &format!("all 36, {}, {name}", isa.name()),
+                operations,
+                move || {
+                    let done = root.evaluate_with(isa, black_box(parameters), None, layout, out);
+                    done.expect("evaluates");
+                },
+            ));
+        }
+    }
+    contestants.push(contestant(
+        "all 36, faer matmul",
+        2 * (points * OUTPUTS * WIDTH) as u64,
+        || {
+            // Its faster orientation: column-major results, which are [point, coefficient] rows.
+            let out = product.as_mut().transpose_mut();
+            matmul(out, Accum::Replace, black_box(left), right, 1.0, Par::Seq);
+        },
+    ));
+    let one = 2 * (points * OUTPUTS) as u64;
+    contestants.push(contestant("folded, root frame", one, || {
+        folded.evaluate(black_box(&parameters), &mut a).expect("evaluates");
+    }));
+    contestants.push(contestant("folded, bone frame", one, || {
+        bone_folded.evaluate(black_box(&parameters), &mut b).expect("evaluates");
+    }));
+    contestants.push(contestant("light turning, root frame", one, || {
+        root.shade(black_box(&parameters), &light, &[], &mut c).expect("evaluates");
+    }));
+    contestants.push(contestant("light turning, bone frame", one, || {
+        bone.shade(black_box(&parameters), &light, &turned, &mut d).expect("evaluates");
+    }));
+    let names: Vec<(String, u64)> =
+        contestants.iter().map(|c| (c.name.clone(), c.operations)).collect();
+    print(points, &names, &race(&mut contestants));
+}
+
+fn print(points: usize, names: &[(String, u64)], times: &[Times]) {
+    let rate = |i: usize| names[i].1 as f64 / times[i].best() / 1e9;
+    let peak =
+        (0..names.len()).filter(|&i| names[i].0.starts_with("peak")).map(rate).fold(0.0, f64::max);
+    let full = (0..names.len())
+        .filter(|&i| names[i].0.starts_with("all 36") && names[i].0.ends_with("coefficient]"))
+        .map(|i| times[i].best())
+        .fold(f64::INFINITY, f64::min);
+    println!("\n{points} points, P({INPUTS},{OUTPUTS}), order 6, one core, {ROUNDS} rounds");
+    println!("| what | best µs | median µs | GFlop/s | of peak | all 36 / this |");
+    println!("|---|---|---|---|---|---|");
+    for (i, (name, _)) in names.iter().enumerate() {
+        println!(
+            "| {name} | {:.1} | {:.1} | {:.1} | {:.0} % | {:.1} |",
+            times[i].best() * 1e6,
+            times[i].median() * 1e6,
+            rate(i),
+            rate(i) / peak * 100.0,
+            full / times[i].best()
+        );
+    }
+}
+
+fn main() {
+    let given: Vec<usize> = std::env::args().filter_map(|a| a.parse().ok()).collect();
+    for points in if given.is_empty() { vec![11_534, 14_517] } else { given } {
+        report(points);
+    }
+}

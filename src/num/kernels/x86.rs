@@ -1,0 +1,158 @@
+//! The kernels in AVX2 with FMA, and in AVX-512F: one text for both vector widths.
+
+/// The kernels of one vector width. The last four are the tile sizes: columns of `accumulate` at
+/// most, rows in the lanes that it sums at a time, rows and vectors of columns of `along`. Their
+/// sums, one broadcast and the loaded vectors fit the 16 or 32 registers.
+macro_rules! kernels {
+    (
+        $module:ident, $feature:literal, $lanes:literal, $widest:literal, $rows:literal,
+        $set1:ident, $load:ident, $store:ident, $fmadd:ident
+    ) => {
+        pub(super) mod $module {
+            use std::arch::x86_64::{$fmadd, $load, $set1, $store};
+
+            use super::super::{Buffer, Groups, Lanes, PANEL_ROWS, Panels, TILE};
+
+            const LANES: usize = $lanes;
+            const WIDEST: usize = $widest;
+            const ROWS: usize = $rows;
+            const ACROSS: usize = 2;
+            /// Vectors per panel and column, and those that are summed at a time.
+            const VECTORS: usize = PANEL_ROWS / LANES;
+            const PASS: usize = 2;
+            /// Independent chains of `exercise`: enough to hide the latency of a multiply-add,
+            /// few enough for the 16 registers of AVX2.
+            const CHAINS: usize = 12;
+            pub(in crate::num::kernels) const EXERCISE: usize = CHAINS * LANES;
+
+            /// Sums `PASS` vectors of rows of N columns, of which `right(j)` gives the factors.
+            #[target_feature(enable = $feature)]
+            #[inline]
+            fn sum<const N: usize>(
+                panel: &[Lanes],
+                right: impl Fn(usize) -> [f32; N],
+                buffer: &mut [Lanes],
+            ) {
+                for first in (0..VECTORS).step_by(PASS) {
+                    let mut sums = [[$set1(0.0); PASS]; N];
+                    for (j, lanes) in panel.iter().enumerate() {
+                        let left = &lanes.0[first * LANES..(first + PASS) * LANES];
+                        // SAFETY: vector v ends within the slice, which has PASS of them.
+                        let left: [_; PASS] =
+                            std::array::from_fn(|v| unsafe { $load(left.as_ptr().add(v * LANES)) });
+                        // One broadcast lives at a time: the sums need the other registers.
+                        for (sums, right) in sums.iter_mut().zip(right(j)) {
+                            let right = $set1(right);
+                            for v in 0..PASS {
+                                sums[v] = $fmadd(left[v], right, sums[v]);
+                            }
+                        }
+                    }
+                    for (lanes, sums) in buffer.iter_mut().zip(&sums) {
+                        let out = &mut lanes.0[first * LANES..(first + PASS) * LANES];
+                        for v in 0..PASS {
+                            // SAFETY: vector v ends within the slice, which has PASS of them.
+                            unsafe { $store(out.as_mut_ptr().add(v * LANES), sums[v]) };
+                        }
+                    }
+                }
+            }
+
+            #[target_feature(enable = $feature)]
+            #[inline]
+            fn accumulate<const N: usize>(
+                panel: &[Lanes],
+                right: &[f32],
+                stride: usize,
+                buffer: &mut [Lanes],
+            ) {
+                let factors = |j: usize| *right[j * stride..].first_chunk().expect("checked");
+                sum::<N>(panel, factors, buffer);
+            }
+
+            #[target_feature(enable = $feature)]
+            #[inline]
+            fn among<const N: usize>(panel: &[Lanes], right: [&[f32]; N], buffer: &mut Buffer) {
+                sum::<N>(panel, |j| right.map(|right| right[j]), buffer);
+            }
+
+            #[target_feature(enable = $feature)]
+            #[inline]
+            fn along<const V: usize>(
+                panel: &[Lanes],
+                row: usize,
+                right: &[f32],
+                stride: usize,
+                out: &mut [f32],
+            ) {
+                let mut sums = [[$set1(0.0); V]; ROWS];
+                for (j, lanes) in panel.iter().enumerate() {
+                    let left: &[f32; ROWS] = lanes.0[row..].first_chunk().expect("rows of a panel");
+                    let right = &right[j * stride..j * stride + V * LANES];
+                    // SAFETY: vector v ends within the slice, which has V of them.
+                    let right: [_; V] =
+                        std::array::from_fn(|v| unsafe { $load(right.as_ptr().add(v * LANES)) });
+                    for (sums, &left) in sums.iter_mut().zip(left) {
+                        let left = $set1(left);
+                        for v in 0..V {
+                            sums[v] = $fmadd(left, right[v], sums[v]);
+                        }
+                    }
+                }
+                for (r, sums) in sums.iter().enumerate() {
+                    if let Some(out) = out.get_mut(r * stride..r * stride + V * LANES) {
+                        for v in 0..V {
+                            // SAFETY: vector v ends within the slice, which has V of them.
+                            unsafe { $store(out.as_mut_ptr().add(v * LANES), sums[v]) };
+                        }
+                    }
+                }
+            }
+
+            #[target_feature(enable = $feature)]
+            pub(in crate::num::kernels) fn exercise(rounds: u64, a: f32, b: f32) -> f32 {
+                let (a, b) = ($set1(a), $set1(b));
+                let mut sums: [_; CHAINS] = std::array::from_fn(|i| $set1(i as f32));
+                for _ in 0..rounds {
+                    for sum in &mut sums {
+                        *sum = $fmadd(*sum, a, b);
+                    }
+                }
+                let mut total = 0.0;
+                for sum in sums {
+                    let mut lanes = [0.0; LANES];
+                    // SAFETY: the array has the length of the vector.
+                    unsafe { $store(lanes.as_mut_ptr(), sum) };
+                    total += lanes.iter().sum::<f32>();
+                }
+                total
+            }
+
+            drivers!(target_feature(enable = $feature));
+        }
+    };
+}
+
+kernels!(
+    avx2,
+    "avx2,fma",
+    8,
+    4,
+    4,
+    _mm256_set1_ps,
+    _mm256_loadu_ps,
+    _mm256_storeu_ps,
+    _mm256_fmadd_ps
+);
+
+kernels!(
+    avx512,
+    "avx512f",
+    16,
+    12,
+    8,
+    _mm512_set1_ps,
+    _mm512_loadu_ps,
+    _mm512_storeu_ps,
+    _mm512_fmadd_ps
+);
