@@ -9,6 +9,9 @@
 #![cfg(feature = "bake")]
 #![expect(clippy::unwrap_used, reason = "a test that cannot read its input has failed")]
 
+#[path = "fuzz/invariants.rs"]
+mod invariants;
+
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -92,52 +95,14 @@ fn line(
             }
             let (mesh, clips) = (&scene.mesh, scene.clips.len());
             let (vertices, triangles) = (mesh.positions.len(), mesh.triangles.len());
-            let verdict = format!("imports {vertices} v {triangles} t {clips} clips");
+            let size_m = scene::size_m(mesh, &scene.skeleton);
+            let verdict =
+                format!("imports {vertices} v {triangles} t {clips} clips {size_m:.2e} m");
             (verdict, reasons.join("; "))
         }
     };
     let reason = if reason.is_empty() { "-" } else { &reason };
     format!("{name} | {judged} | {verdict} | {reason}")
-}
-
-/// What downstream stages rely on: see the invariants in the types' documentation.
-fn check_invariants(scene: &Scene) {
-    let (mesh, nodes) = (&scene.mesh, &scene.skeleton.nodes);
-    for (index, node) in nodes.iter().enumerate() {
-        assert!(node.parent.is_none_or(|parent| parent < index), "{index}");
-    }
-    let names: std::collections::BTreeSet<&str> = nodes.iter().map(|n| n.name.as_str()).collect();
-    assert_eq!(names.len(), nodes.len());
-    let vertices = mesh.positions.len();
-    assert_eq!(mesh.normals.len(), vertices);
-    assert_eq!(mesh.influence_starts.len(), vertices + 1);
-    assert!(mesh.triangles.iter().flatten().all(|&vertex| (vertex as usize) < vertices));
-    assert!(mesh.normals.iter().all(|normal| (normal.length() - 1.0).abs() < 1e-4));
-    for vertex in 0..vertices {
-        let influences = mesh.influences_of(vertex);
-        let sum: f32 = influences.iter().map(|influence| influence.weight).sum();
-        assert!((sum - 1.0).abs() < 1e-5 && influences.iter().all(|i| i.weight > 0.0));
-        assert!(influences.iter().all(|i| (i.deformer as usize) < mesh.deformers.len()));
-    }
-    assert!(mesh.deformers.iter().all(|deformer| deformer.node < nodes.len()));
-    let (mut vertex, mut triangle) = (0, 0);
-    for part in &mesh.parts {
-        assert_eq!((part.vertices.start, part.triangles.start), (vertex, triangle));
-        (vertex, triangle) = (part.vertices.end, part.triangles.end);
-    }
-    assert_eq!((vertex, triangle), (vertices, mesh.triangles.len()));
-    assert_eq!(mesh.weight_names.len(), mesh.default_weights.len());
-    for morph in &mesh.morphs {
-        assert!(morph.weight < mesh.weight_names.len());
-        assert!(morph.vertices.windows(2).all(|pair| pair[0] < pair[1]));
-        assert_eq!(morph.vertices.len(), morph.position_deltas.len());
-    }
-    for channel in scene.clips.iter().flat_map(|clip| &clip.channels) {
-        let cubic = channel.interpolation == scene::Interpolation::CubicSpline;
-        let per_key = channel.components() * if cubic { 3 } else { 1 };
-        assert_eq!(channel.values.len(), channel.times_s.len() * per_key);
-        assert!(channel.times_s.windows(2).all(|pair| pair[0] < pair[1]));
-    }
 }
 
 /// The table holds, line by line, and so do the rules in this file's head.
@@ -162,7 +127,7 @@ fn every_asset_has_its_verdict() {
             broken.push(format!("{name} takes {:?}", start.elapsed()));
         }
         if let Ok(scene) = &verdict {
-            check_invariants(scene);
+            invariants::check(scene);
         }
         writeln!(table, "{}", line(path, name, &verdict, &mut broken)).unwrap();
     }

@@ -3,6 +3,9 @@
 //! A scene is the rest mesh with its skeleton ([`crate::rig`]) and the clips that move it. What a
 //! file holds beyond that (materials, textures, cameras, lights) is not looked at.
 //!
+//! Triangles wind as in the file, also under nodes of negative scale: which side faces outwards
+//! then is a matter of the pose, and [`crate::rig::deform`] answers it by the normals.
+//!
 //! *Invariant:* nothing from a file is believed before it is checked: no count, length, index or
 //! number. Memory and time are bounded by [`Limits`], whatever the file claims.
 //! *Invariant:* only the file that the caller names is opened, and buffers that lie in the same
@@ -26,7 +29,7 @@ use std::path::Path;
 pub use error::Error;
 pub use limits::Limits;
 
-use crate::rig::{Mesh, Skeleton};
+use crate::rig::{Deformed, Mesh, Pose, RigidFrame, Skeleton, deform};
 use budget::{Budget, Notices};
 
 /// Everything of a file that moves or is lit.
@@ -233,38 +236,23 @@ fn count_degenerate(mesh: &Mesh, notices: &mut Notices) {
 
 /// The size of a character: the diagonal of its rest pose's bounding box, metres.
 ///
-/// Computed in f64; 0 for an empty mesh.
+/// 0 for an empty mesh, infinite where a vertex of the rest pose is not finite.
 #[must_use]
 pub fn size_m(mesh: &Mesh, skeleton: &Skeleton) -> f32 {
-    let rest: Vec<_> = skeleton.nodes.iter().map(|node| node.rest).collect();
-    let globals = skeleton.globals(&rest);
-    let mut low = glam::DVec3::INFINITY;
-    let mut high = glam::DVec3::NEG_INFINITY;
-    for position in rest_positions(mesh, &globals) {
+    let rest = Pose::rest(skeleton, &mesh.default_weights);
+    let globals = skeleton.globals(&rest.local);
+    let mut posed = Deformed::default();
+    deform(mesh, &globals, &rest.weights, RigidFrame::IDENTITY, &mut posed);
+    if posed.positions.iter().any(|position| !position.is_finite()) {
+        return f32::INFINITY;
+    }
+    let (mut low, mut high) = (glam::DVec3::INFINITY, glam::DVec3::NEG_INFINITY);
+    for position in &posed.positions {
         low = low.min(position.as_dvec3());
         high = high.max(position.as_dvec3());
     }
-    if mesh.positions.is_empty() { 0.0 } else { (high - low).length() as f32 }
+    if posed.positions.is_empty() { 0.0 } else { (high - low).length() as f32 }
 }
 
-/// Every vertex of the rest pose, morphs at their default weights, in the scene's space.
-fn rest_positions(mesh: &Mesh, globals: &[glam::Affine3A]) -> Vec<glam::Vec3> {
-    let mut positions = mesh.positions.clone();
-    for morph in &mesh.morphs {
-        let weight = mesh.default_weights[morph.weight];
-        for (&vertex, &delta) in morph.vertices.iter().zip(&morph.position_deltas) {
-            positions[vertex as usize] += weight * delta;
-        }
-    }
-    let maps: Vec<glam::Affine3A> =
-        mesh.deformers.iter().map(|d| globals[d.node] * d.inverse_bind).collect();
-    for (vertex, position) in positions.iter_mut().enumerate() {
-        let rest = *position;
-        *position = mesh
-            .influences_of(vertex)
-            .iter()
-            .map(|i| i.weight * maps[i.deformer as usize].transform_point3(rest))
-            .sum();
-    }
-    positions
-}
+#[cfg(test)]
+mod tests;

@@ -90,7 +90,7 @@ fn split(bytes: &[u8], notices: &mut Notices) -> Result<Chunks, Error> {
             (b"BIN\0", _) if binary.is_none() => binary = Some(start..end),
             (b"JSON" | b"BIN\0", _) => notices.add(format!(
                 "a second {} chunk at byte {offset} was ignored",
-                String::from_utf8_lossy(&kind[..3])
+                String::from_utf8_lossy(kind).trim_end_matches('\0')
             )),
             _ => {}
         }
@@ -121,7 +121,8 @@ fn count_values(text: &[u8]) -> u64 {
 fn parse_json(text: &[u8], notices: &mut Notices) -> Result<Root, Error> {
     let refusal = match json::deserialize::from_slice::<Root>(text) {
         Ok(root) => return Ok(root),
-        Err(refusal) => refusal,
+        Err(refusal) if refusal.is_data() => refusal,
+        Err(refusal) => return Err(Error::Json { fault: refusal.to_string() }),
     };
     let fault = || Error::Json { fault: refusal.to_string() };
     let mut document: Value = json::deserialize::from_slice(text).map_err(|_| fault())?;

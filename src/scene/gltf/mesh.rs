@@ -10,7 +10,7 @@ use gltf::json::validation::Checked;
 use super::File;
 use super::accessor::{Elements, Format};
 use super::node::{Graph, shorten};
-use super::skin::{Deformers, Influences, influences};
+use super::skin::{Deformers, Influences, Joints, influences};
 use super::{extension, morph, topology};
 use crate::rig::{Influence, Mesh, Part};
 use crate::scene::budget::Quantity;
@@ -47,8 +47,8 @@ struct Carrier {
     /// In the skeleton.
     node: usize,
     name: String,
-    /// Number of joints and first deformer, where the node has a skin.
-    skin: Option<(usize, u32)>,
+    /// Where the node has a skin.
+    skin: Option<Joints>,
     /// The deformer of parts without weights, made when the first such part comes.
     rigid: Option<u32>,
     slots: Range<usize>,
@@ -78,8 +78,9 @@ pub(super) fn read(file: &mut File, graph: &Graph) -> Result<Built, Error> {
         slots[index] = morph::add_slots(file, index, node_name, names, &mut mesh)?;
         let skin = match node.skin {
             Some(skin) => {
-                let first = deformers.skin(file, graph, skin.value())?;
-                Some((root.skins[skin.value()].joints.len(), first))
+                let first_deformer = deformers.skin(file, graph, skin.value())?;
+                let count = root.skins[skin.value()].joints.len();
+                Some(Joints { count, first_deformer })
             }
             None => None,
         };
@@ -274,8 +275,8 @@ fn bind(
     deformers: &mut Deformers,
     carrier: &mut Carrier,
 ) -> Result<Influences, Error> {
-    if let Some((joints, first)) = carrier.skin {
-        match influences(file, primitive, place, vertices, joints, first)? {
+    if let Some(joints) = carrier.skin {
+        match influences(file, primitive, place, vertices, joints)? {
             Some(influences) => return Ok(influences),
             None => file.notices.add(format!(
                 "{place}: its node has a skin, but it has no JOINTS_0; it moves with the node"

@@ -15,9 +15,6 @@ mod reference;
 mod skin;
 mod topology;
 
-#[cfg(test)]
-mod tests;
-
 use gltf::json::Root;
 
 pub(super) use container::Document;

@@ -30,6 +30,9 @@ const WEIGHTS: Format = Format {
 /// Sums further than this from 1 are worth a notice; integers and short decimals stay below it.
 const SUM_TOLERANCE: f64 = 2e-3;
 
+/// Sets of four weights that are read: twice as many as tools commonly write.
+const MOST_SETS: u32 = 4;
+
 /// The deformers of all skins and rigid nodes so far, each made once.
 #[derive(Debug)]
 pub(super) struct Deformers {
@@ -108,10 +111,17 @@ pub(super) struct Influences {
     pub(super) counts: Vec<u32>,
 }
 
-/// A vertex's (joint, weight) pairs of every set of the primitive.
+/// Joints and weights of every vertex, of one set.
 struct WeightSet {
     joints: Vec<[u32; 4]>,
     weights: Vec<[f32; 4]>,
+}
+
+/// The joints that a primitive's vertices may name.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Joints {
+    pub(super) count: usize,
+    pub(super) first_deformer: u32,
 }
 
 /// Reads `JOINTS_n` and `WEIGHTS_n`, drops zeros, and makes the weights of a vertex sum to 1.
@@ -121,46 +131,24 @@ pub(super) fn influences(
     primitive: &Primitive,
     place: &str,
     vertices: usize,
-    joints: usize,
-    first_deformer: u32,
+    joints: Joints,
 ) -> Result<Option<Influences>, Error> {
     let sets = weight_sets(file, primitive, place, vertices)?;
     if sets.is_empty() {
         return Ok(None);
     }
-    let mut out =
-        Influences { all: Vec::with_capacity(vertices), counts: Vec::with_capacity(vertices) };
+    let mut all = Vec::with_capacity(vertices);
+    let mut counts = Vec::with_capacity(vertices);
     let (mut off, mut low, mut high) = (0_usize, f64::INFINITY, f64::NEG_INFINITY);
     for vertex in 0..vertices {
-        let start = out.all.len();
-        for (set, values) in sets.iter().enumerate() {
-            for (&joint, &weight) in values.joints[vertex].iter().zip(&values.weights[vertex]) {
-                if weight == 0.0 {
-                    continue;
-                }
-                let fault = weight_fault(joint, weight, joints);
-                if let Some(fault) = fault {
-                    let place = format!("{place}, vertex {vertex}, weight set {set}");
-                    return Err(Error::invalid(place, fault));
-                }
-                let deformer = first_deformer + joint;
-                match out.all[start..].iter_mut().find(|known| known.deformer == deformer) {
-                    Some(known) => known.weight += weight,
-                    None => out.all.push(Influence { deformer, weight }),
-                }
-            }
-        }
-        let sum: f64 = out.all[start..].iter().map(|influence| f64::from(influence.weight)).sum();
-        if sum <= 0.0 || !sum.is_finite() {
-            let fault = format!("its weights sum to {sum}; every skinned vertex needs a joint");
-            return Err(Error::invalid(format!("{place}, vertex {vertex}"), fault));
-        }
+        let start = all.len();
+        gather(&sets, vertex, joints, &mut all)
+            .map_err(|fault| Error::invalid(format!("{place}, vertex {vertex}"), fault))?;
+        let sum = normalize(&mut all[start..])
+            .map_err(|fault| Error::invalid(format!("{place}, vertex {vertex}"), fault))?;
         (low, high) = (low.min(sum), high.max(sum));
         off += usize::from((sum - 1.0).abs() > SUM_TOLERANCE);
-        for influence in &mut out.all[start..] {
-            influence.weight = (f64::from(influence.weight) / sum) as f32;
-        }
-        out.counts.push((out.all.len() - start) as u32);
+        counts.push((all.len() - start) as u32);
     }
     if off > 0 {
         file.notices.add(format!(
@@ -168,7 +156,48 @@ pub(super) fn influences(
              to {high:.4}); they were divided by their sum"
         ));
     }
-    Ok(Some(out))
+    Ok(Some(Influences { all, counts }))
+}
+
+/// Appends the influences of one vertex, as they are in the file; a joint named twice counts once.
+fn gather(
+    sets: &[WeightSet],
+    vertex: usize,
+    joints: Joints,
+    all: &mut Vec<Influence>,
+) -> Result<(), String> {
+    let start = all.len();
+    for (set, values) in sets.iter().enumerate() {
+        for (&joint, &weight) in values.joints[vertex].iter().zip(&values.weights[vertex]) {
+            if weight == 0.0 {
+                continue;
+            }
+            if let Some(fault) = weight_fault(joint, weight, joints.count) {
+                return Err(format!("weight set {set}: {fault}"));
+            }
+            let deformer = joints.first_deformer + joint;
+            match all[start..].iter_mut().find(|known| known.deformer == deformer) {
+                Some(known) => known.weight += weight,
+                None => all.push(Influence { deformer, weight }),
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Divides a vertex's weights by their sum, and returns that.
+fn normalize(influences: &mut [Influence]) -> Result<f64, String> {
+    let weights = influences.iter().map(|influence| f64::from(influence.weight));
+    let sum = weights.fold(0.0, |sum, weight| sum + weight);
+    if sum <= 0.0 || !sum.is_finite() {
+        return Err(format!("its weights sum to {sum}; every skinned vertex needs a joint"));
+    }
+    for influence in influences {
+        // Positive also where the quotient underflows.
+        let share = (f64::from(influence.weight) / sum) as f32;
+        influence.weight = share.max(f32::MIN_POSITIVE);
+    }
+    Ok(sum)
 }
 
 fn weight_fault(joint: u32, weight: f32, joints: usize) -> Option<String> {
@@ -187,7 +216,7 @@ fn weight_sets(
     vertices: usize,
 ) -> Result<Vec<WeightSet>, Error> {
     let mut sets = Vec::new();
-    for set in 0.. {
+    for set in 0..=MOST_SETS {
         let find = |semantic| primitive.attributes.get(&Checked::Valid(semantic));
         let (joints, weights) = (find(Semantic::Joints(set)), find(Semantic::Weights(set)));
         let (Some(joints), Some(weights)) = (joints, weights) else {
@@ -197,6 +226,10 @@ fn weight_sets(
             }
             break;
         };
+        if set == MOST_SETS {
+            let feature = format!("JOINTS_{set}, more than {} influences", 4 * MOST_SETS);
+            return Err(Error::Unsupported { feature, place: place.to_owned(), hint: "" });
+        }
         let purpose = format!("JOINTS_{set} of {place}");
         let joints = file.accessor(joints.value(), &purpose, JOINTS)?;
         super::mesh::check_count(&joints, vertices)?;
