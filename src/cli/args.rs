@@ -30,14 +30,19 @@ pub(crate) enum Command {
     /// Say what a scene, data set or model holds, and what a bake would need.
     Inspect(InspectArgs),
     /// Bake a signal at every vertex over many poses into a data set.
+    #[command(args_override_self = true)]
     Bake(BakeArgs),
     /// Fit a model to a data set.
+    #[command(args_override_self = true)]
     Fit(FitCommandArgs),
     /// Measure a model against reference bakes on training and held-out motion.
+    #[command(args_override_self = true)]
     Measure(MeasureArgs),
     /// Evaluate a model at poses.
+    #[command(args_override_self = true)]
     Evaluate(EvaluateArgs),
     /// Bake, fit, measure and report in one.
+    #[command(args_override_self = true)]
     Run(RunArgs),
     /// Print the JSON Schema of the recipe.
     Schema,
@@ -134,10 +139,10 @@ pub(crate) struct FitFlags {
     /// The model family [default: pca-linear].
     #[arg(long, value_enum)]
     family: Option<FamilyArg>,
-    /// Pose dimensions of pca-linear [default: 8].
+    /// Pose dimensions of pca-linear [default: 8, or as many as there are].
     #[arg(long, value_name = "N")]
     inputs: Option<u32>,
-    /// Output dimensions of pca-linear [default: 22].
+    /// Output dimensions of pca-linear [default: 22, or as many as there are].
     #[arg(long, value_name = "N")]
     outputs: Option<u32>,
     /// The frame in which coefficients are modelled [default: bone].
@@ -334,8 +339,8 @@ impl FitFlags {
     pub(crate) fn edit(&self, recipe: &mut Recipe) {
         let fit = &mut recipe.fit;
         set(&mut fit.family, self.family);
-        set(&mut fit.inputs, self.inputs);
-        set(&mut fit.outputs, self.outputs);
+        fit.inputs = self.inputs.or(fit.inputs);
+        fit.outputs = self.outputs.or(fit.outputs);
         set(&mut fit.frame, self.frame);
         set(&mut fit.ridge, self.ridge);
         if self.alpha.is_some() {

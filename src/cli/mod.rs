@@ -64,7 +64,9 @@ pub fn main() -> ExitCode {
 /// A recipe that cannot run is a matter of usage, everything else is a failure.
 fn status(error: &anyhow::Error) -> u8 {
     let usage = error.chain().any(|cause| {
+        // JSON that is no recipe comes bare; the stages wrap theirs.
         cause.is::<RecipeError>()
+            || cause.is::<serde_json::Error>()
             || matches!(cause.downcast_ref(), Some(pipeline::Error::Recipe(_)))
     });
     if usage { 2 } else { 1 }

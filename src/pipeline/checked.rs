@@ -1,8 +1,8 @@
 //! Raw recipe → checked recipe: only settings that passed here run.
 
 use super::recipe::{
-    BakeRecipe, FamilyName, FitRecipe, FrameName, OnName, PosesRecipe, PrecisionName, Recipe,
-    RidgeName, SignalName, TargetRecipe, VERSION,
+    BakeRecipe, DEFAULT_INPUTS, DEFAULT_OUTPUTS, FamilyName, FitRecipe, FrameName, OnName,
+    PosesRecipe, PrecisionName, Recipe, RidgeName, SignalName, TargetRecipe, VERSION,
 };
 use crate::sh::Order;
 use crate::{bake, fit, model, pose};
@@ -108,13 +108,16 @@ fn checked_bake(recipe: &BakeRecipe) -> Result<bake::Settings, RecipeError> {
 }
 
 fn checked_fit(fit: &FitRecipe, on: OnName) -> Result<fit::Settings, RecipeError> {
-    require((1..=4096).contains(&fit.inputs), "fit.inputs", fit.inputs, "it must be 1 to 4096")?;
-    require((1..=4096).contains(&fit.outputs), "fit.outputs", fit.outputs, "it must be 1 to 4096")?;
+    let inputs = fit.inputs.unwrap_or(DEFAULT_INPUTS);
+    let outputs = fit.outputs.unwrap_or(DEFAULT_OUTPUTS);
+    for (field, size) in [("fit.inputs", inputs), ("fit.outputs", outputs)] {
+        require((1..=4096).contains(&size), field, size, "it must be 1 to 4096")?;
+    }
     let family = match fit.family {
         FamilyName::Mean => fit::Family::Mean,
         FamilyName::Linear => fit::Family::Linear,
         FamilyName::PcaLinear => {
-            fit::Family::PcaLinear { inputs: fit.inputs as usize, outputs: fit.outputs as usize }
+            fit::Family::PcaLinear { inputs: inputs as usize, outputs: outputs as usize }
         }
     };
     let ridge = match (fit.ridge, fit.alpha) {
@@ -212,8 +215,8 @@ mod tests {
         assert_eq!(fault(|r| r.poses.rate_hz = f32::NAN), "poses.rate_hz");
         assert_eq!(fault(|r| r.poses.near_repeat = -1.0), "poses.near_repeat");
         assert_eq!(fault(|r| r.poses.interpolated_every = 1), "poses.interpolated_every");
-        assert_eq!(fault(|r| r.fit.inputs = 0), "fit.inputs");
-        assert_eq!(fault(|r| r.fit.outputs = 0), "fit.outputs");
+        assert_eq!(fault(|r| r.fit.inputs = Some(0)), "fit.inputs");
+        assert_eq!(fault(|r| r.fit.outputs = Some(0)), "fit.outputs");
         assert_eq!(fault(|r| r.fit.ridge = RidgeName::Fixed), "fit.alpha");
         assert_eq!(fault(|r| r.target.reference_factor = 7), "target.reference_factor");
         assert_eq!(fault(|r| r.target.reference_poses = 0), "target.reference_poses");

@@ -13,8 +13,13 @@ pub enum Error {
     #[error(transparent)]
     Recipe(#[from] RecipeError),
     /// Import.
-    #[error(transparent)]
-    Scene(#[from] scene::Error),
+    #[error("{file}: {source}")]
+    Scene {
+        /// The scene's file.
+        file: String,
+        /// What is wrong with it.
+        source: scene::Error,
+    },
     /// Pose sampling.
     #[error(transparent)]
     Pose(#[from] pose::Error),

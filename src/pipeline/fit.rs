@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use super::recipe::Recipe;
 use super::{Checked, Error, Hashes};
-use crate::dataset::Dataset;
+use crate::dataset::{Dataset, Training};
 use crate::fit::{self, FitReport, Fitted};
 use crate::model::{
     self, FORMAT_VERSION, Frame, Header, MeshIdentity, Model, PartRange, Provenance, RigHeader,
@@ -41,7 +41,7 @@ pub fn fit(dataset: &Dataset, recipe: &Recipe) -> Result<FittedModel, Error> {
         settings.frame = Frame::Root;
     }
     let start = Instant::now();
-    let fitted = fit::fit(&dataset.training()?, &settings)?;
+    let fitted = fit_sizes(&dataset.training()?, settings, recipe)?;
     let fit_s = start.elapsed().as_secs_f64();
     let Fitted { decoder, training, report } = fitted;
     let header = header(dataset, recipe, &checked, training, (decoder.family(), settings.frame))?;
@@ -49,6 +49,36 @@ pub fn fit(dataset: &Dataset, recipe: &Recipe) -> Result<FittedModel, Error> {
     let bones = mesh.bone_of_point.clone();
     let model = Model::new(header, decoder, mesh.point_of_vertex.clone(), bones)?;
     Ok(FittedModel { model, report, fit_s })
+}
+
+/// Sizes that nobody asked for give way to what the data have.
+fn fit_sizes(
+    training: &Training,
+    mut settings: fit::Settings,
+    recipe: &Recipe,
+) -> Result<Fitted, Error> {
+    loop {
+        let error = match fit::fit(training, &settings) {
+            Ok(fitted) => return Ok(fitted),
+            Err(error) => error,
+        };
+        let fit::Family::PcaLinear { inputs, outputs } = &mut settings.family else {
+            return Err(error.into());
+        };
+        match error {
+            fit::Error::Inputs { available, .. }
+                if recipe.fit.inputs.is_none() && available > 0 =>
+            {
+                *inputs = available;
+            }
+            fit::Error::Outputs { available, .. }
+                if recipe.fit.outputs.is_none() && available > 0 =>
+            {
+                *outputs = available;
+            }
+            other => return Err(other.into()),
+        }
+    }
 }
 
 /// The mean over training poses in the same frame: what every model must beat.

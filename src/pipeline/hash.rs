@@ -83,7 +83,7 @@ mod tests {
         let before = Hashes::of("s", &base);
 
         let mut other_fit = base.clone();
-        other_fit.fit.outputs += 1;
+        other_fit.fit.outputs = Some(5);
         let after = Hashes::of("s", &other_fit);
         assert_eq!(before.bake, after.bake);
         assert_ne!(before.fit, after.fit);

@@ -9,6 +9,15 @@ use crate::pose::{self, PoseSet};
 use crate::rig::{self, Deformed};
 use crate::scene::{self, Limits, Scene};
 
+/// Imports a scene within the default limits.
+///
+/// # Errors
+/// [`Error::Scene`] naming the file.
+pub fn import(path: &Path) -> Result<Scene, Error> {
+    scene::import(path, &Limits::default())
+        .map_err(|source| Error::Scene { file: path.display().to_string(), source })
+}
+
 /// Everything that a bake needs, checked and resolved.
 #[derive(Debug)]
 pub struct Job {
@@ -32,7 +41,7 @@ impl Job {
     pub fn open(path: &Path, recipe: Recipe) -> Result<Self, Error> {
         // The recipe first: a wrong number should not wait for a large file.
         Checked::new(&recipe)?;
-        Self::new(scene::import(path, &Limits::default())?, recipe)
+        Self::new(import(path)?, recipe)
     }
 
     /// Prepares the job of an imported scene.

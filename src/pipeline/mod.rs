@@ -29,7 +29,7 @@ pub use error::Error;
 pub use figures::{Figures, ModelFigures, Spectra, Times};
 pub use fit::{FittedModel, fit, fit_mean, recipe_of, recipe_of_model};
 pub use hash::Hashes;
-pub use job::Job;
+pub use job::{Job, import};
 pub use measure::measure;
 pub use plan::{Plan, plan};
 pub use progress::{Progress, Stage, Watch};

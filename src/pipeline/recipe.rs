@@ -141,16 +141,25 @@ pub enum SignalName {
     Transfer,
 }
 
+/// Pose dimensions of `pca-linear` where none are asked for (Nowrouzezahrai et al. 2007, §5: they
+/// hold 90 % of the variance of 54 joint angles).
+pub const DEFAULT_INPUTS: u32 = 8;
+
+/// Output dimensions of `pca-linear` where none are asked for; likewise.
+pub const DEFAULT_OUTPUTS: u32 = 22;
+
 /// The model family and its sizes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FitRecipe {
     /// The family.
     pub family: FamilyName,
-    /// Pose dimensions that `pca-linear` keeps; fewer where the poses have fewer.
-    pub inputs: u32,
-    /// Output dimensions that `pca-linear` keeps; fewer where the data have fewer.
-    pub outputs: u32,
+    /// Pose dimensions that `pca-linear` keeps, 1 to 4096. When absent 8, or as many as the poses
+    /// have where that is fewer.
+    pub inputs: Option<u32>,
+    /// Output dimensions that `pca-linear` keeps, 1 to 4096. When absent 22, or as many as the data
+    /// have where that is fewer.
+    pub outputs: Option<u32>,
     /// The frame in which coefficients are modelled.
     pub frame: FrameName,
     /// How the regularisation is chosen.
@@ -165,8 +174,8 @@ impl Default for FitRecipe {
     fn default() -> Self {
         Self {
             family: FamilyName::PcaLinear,
-            inputs: 8,
-            outputs: 22,
+            inputs: None,
+            outputs: None,
             frame: FrameName::Bone,
             ridge: RidgeName::LeaveOneClipOut,
             alpha: None,

@@ -79,7 +79,10 @@ pub fn bake_reference(
 /// # Errors
 /// If its scene or recipe no longer reads.
 pub fn job_of(dataset: &Dataset) -> Result<Job, Error> {
-    let scene = scene::import_sources(dataset.sources()?, &Limits::default())?;
+    let scene =
+        scene::import_sources(dataset.sources()?, &Limits::default()).map_err(|source| {
+            Error::Scene { file: dataset.path().join("source").display().to_string(), source }
+        })?;
     Job::new(scene, recipe_of(dataset)?)
 }
 

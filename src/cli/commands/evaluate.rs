@@ -8,10 +8,10 @@ use serde_json::json;
 use crate::cli::args::EvaluateArgs;
 use crate::cli::{Answer, files as arrays};
 use crate::model::{Frame, Model, Signal};
-use crate::pipeline::files;
+use crate::pipeline::{self, files};
 use crate::pose;
 use crate::rig::Pose;
-use crate::scene::{self, Limits, Scene};
+use crate::scene::Scene;
 
 /// One pose as the model takes it.
 struct Query {
@@ -78,7 +78,7 @@ fn from_parameters(model: &Model, path: &Path) -> anyhow::Result<Vec<Query>> {
 
 fn from_clip(model: &Model, path: &Path, name: &str, fps: f32) -> anyhow::Result<Vec<Query>> {
     ensure!((0.1..=1000.0).contains(&fps), "--fps is {fps}; it must be 0.1 to 1000");
-    let scene = scene::import(path, &Limits::default())?;
+    let scene = pipeline::import(path)?;
     let clip = scene.clips.iter().find(|clip| clip.name == name).with_context(|| {
         let names: Vec<&str> = scene.clips.iter().map(|clip| clip.name.as_str()).collect();
         format!("{} has no clip `{name}`; it has {}", path.display(), names.join(", "))

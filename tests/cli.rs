@@ -1,0 +1,256 @@
+//! Proves the promises of the command line with the real binary: a killed bake continues to the
+//! same bytes, threads change nothing, Ctrl-C leaves what can be continued, exit statuses say what
+//! happened, `--json` is one object, and a scene that does not move needs no pose model.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+/// A temporary folder with the bundled character.
+struct Studio {
+    folder: tempfile::TempDir,
+}
+
+impl Studio {
+    fn new() -> Self {
+        let studio = Self { folder: tempfile::tempdir().expect("temporary folder") };
+        studio.succeed(&["sample", "figure", "-o", "figure.glb"]);
+        studio
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn command(&self, words: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_poselight"));
+        command.args(words).current_dir(self.folder.path());
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+    }
+
+    fn run(&self, words: &[&str]) -> Output {
+        self.command(words).output().expect("started")
+    }
+
+    fn succeed(&self, words: &[&str]) -> Output {
+        let output = self.run(words);
+        assert!(output.status.success(), "{words:?}: {}", text(&output.stderr));
+        output
+    }
+
+    /// The exit status and the message of a command that must not succeed.
+    fn fail(&self, words: &[&str]) -> (i32, String) {
+        let output = self.run(words);
+        let status = output.status.code().expect("ended by itself");
+        assert_ne!(status, 0, "{words:?} succeeded");
+        (status, text(&output.stderr))
+    }
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Flags of a bake that is quick but has several blocks.
+const SMALL: [&str; 6] = ["--fps", "8", "--rays", "8", "--near-repeat", "0"];
+
+fn bake<'a>(dataset: &'a str, more: &[&'a str]) -> Vec<&'a str> {
+    [&["bake", "figure.glb", "-o", dataset], &SMALL[..], more].concat()
+}
+
+/// Every file below a folder with its bytes, locks left out.
+fn tree(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut files = BTreeMap::new();
+    let mut open = vec![folder.to_path_buf()];
+    while let Some(next) = open.pop() {
+        for entry in fs::read_dir(next).expect("listed") {
+            let path = entry.expect("entry").path();
+            if path.is_dir() {
+                open.push(path);
+            } else if !path.to_string_lossy().ends_with("lock") {
+                let name = path.strip_prefix(folder).expect("below").to_string_lossy().into_owned();
+                files.insert(name, fs::read(&path).expect("read"));
+            }
+        }
+    }
+    files
+}
+
+fn assert_same(a: &Path, b: &Path) {
+    let (a, b) = (tree(a), tree(b));
+    assert_eq!(a.keys().collect::<Vec<_>>(), b.keys().collect::<Vec<_>>());
+    let other: Vec<_> = a.iter().filter(|(name, bytes)| b[*name] != **bytes).collect();
+    assert!(other.is_empty(), "{:?} differ", other.iter().map(|f| f.0).collect::<Vec<_>>());
+}
+
+/// Waits until the first block is committed, or the process has ended.
+fn wait_for_a_block(child: &mut Child, dataset: &Path) {
+    let start = Instant::now();
+    let committed = || {
+        let entries = fs::read_dir(dataset.join("coefficients"));
+        entries.is_ok_and(|mut all| {
+            all.any(|entry| entry.is_ok_and(|e| e.file_name().to_string_lossy().starts_with("c.")))
+        })
+    };
+    while !committed() && child.try_wait().expect("asked").is_none() {
+        assert!(start.elapsed() < Duration::from_secs(120), "no block after two minutes");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// `kill -9` in the middle, then the same command: the bytes are those of an undisturbed bake, and
+/// what was committed is not baked again.
+#[test]
+fn a_killed_bake_continues_to_the_same_bytes() {
+    let studio = Studio::new();
+    studio.succeed(&bake("whole.zarr", &[]));
+    let mut child = studio.command(&bake("killed.zarr", &[])).spawn().expect("started");
+    wait_for_a_block(&mut child, &studio.path("killed.zarr"));
+    child.kill().expect("killed");
+    child.wait().expect("ended");
+    let output = studio.succeed(&bake("killed.zarr", &["--json"]));
+    let json: Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
+    let count = |field: &str| json["bake"][field].as_u64().expect("a count");
+    assert!((1..count("poses")).contains(&count("poses_now")), "not killed in the middle: {json}");
+    assert_same(&studio.path("whole.zarr"), &studio.path("killed.zarr"));
+}
+
+/// One thread and three give the same data set and the same model.
+#[test]
+fn threads_change_no_byte() {
+    let studio = Studio::new();
+    for threads in ["1", "3"] {
+        let dataset = format!("{threads}.zarr");
+        let model = format!("{threads}.safetensors");
+        studio.succeed(&bake(&dataset, &["--threads", threads]));
+        studio.succeed(&["fit", &dataset, "-o", &model, "--threads", threads]);
+    }
+    assert_same(&studio.path("1.zarr"), &studio.path("3.zarr"));
+    let read = |name: &str| fs::read(studio.path(name)).expect("read");
+    assert!(read("1.safetensors") == read("3.safetensors"), "models differ");
+}
+
+/// Ctrl-C ends the bake with a sentence, and the same command finishes it.
+#[test]
+fn an_interrupted_bake_says_how_to_go_on() {
+    let studio = Studio::new();
+    let words = bake("stopped.zarr", &["--rays", "64"]);
+    let mut child = studio.command(&words).spawn().expect("started");
+    wait_for_a_block(&mut child, &studio.path("stopped.zarr"));
+    let pid = child.id().to_string();
+    Command::new("kill").args(["-INT", &pid]).status().expect("signalled");
+    let output = child.wait_with_output().expect("ended");
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("the same command continues from there"), "{message}");
+    let (status, message) = studio.fail(&["fit", "stopped.zarr", "-o", "m.safetensors"]);
+    assert_eq!(status, 1);
+    assert!(message.contains("poselight bake"), "{message}");
+    studio.succeed(&words);
+    studio.succeed(&["fit", "stopped.zarr", "-o", "m.safetensors"]);
+}
+
+/// Each wrong request ends with status 1 or 2 and a sentence that names what is wrong.
+#[test]
+fn bad_requests_are_named() {
+    let studio = Studio::new();
+    fs::write(studio.path("noise.glb"), b"this is no scene").expect("written");
+    fs::write(studio.path("bad.json"), br#"{"version": 1, "bake": {"rayz": 5}}"#).expect("written");
+    let cases: [(&[&str], i32, &str); 11] = [
+        (&["bake", "figure.glb", "-o", "d", "--order", "11"], 2, "bake.order"),
+        (&["bake", "figure.glb", "-o", "d", "--order", "0"], 2, "bake.order"),
+        (&["bake", "figure.glb", "-o", "d", "--rays", "0"], 2, "bake.rays"),
+        (&["bake", "figure.glb", "-o", "d", "--clip", "swim"], 1, "walk"),
+        (&["bake", "figure.glb", "-o", "d", "--clip", "walk", "--hold-out", "walk"], 1, "walk"),
+        (&["bake", "absent.glb", "-o", "d"], 1, "absent.glb"),
+        (&["bake", "noise.glb", "-o", "d"], 1, "noise.glb"),
+        (
+            &["bake", "figure.glb", "-o", "figure.glb/d", "--rays", "8", "--fps", "1"],
+            1,
+            "figure.glb",
+        ),
+        (&["bake", "figure.glb", "-o", "d", "--recipe", "bad.json"], 2, "rayz"),
+        (&["fit", "figure.glb", "-o", "m"], 1, "figure.glb"),
+        (&["bake", "figure.glb"], 2, "--output"),
+    ];
+    for (words, expected, evidence) in cases {
+        let (status, message) = studio.fail(words);
+        assert_eq!(status, expected, "{words:?}: {message}");
+        assert!(message.contains(evidence), "{words:?}: {message}");
+        assert!(!message.contains("panicked"), "{words:?}: {message}");
+        assert!(!studio.path("d").exists(), "{words:?} left something behind");
+    }
+}
+
+/// A data set of another recipe is not continued; a damaged chunk is named.
+#[test]
+fn foreign_and_damaged_data_sets_are_refused() {
+    let studio = Studio::new();
+    studio.succeed(&bake("d.zarr", &["--signal", "ao"]));
+    let (status, message) = studio.fail(&bake("d.zarr", &["--signal", "ao", "--seed", "2"]));
+    assert_eq!(status, 1);
+    assert!(message.contains("another recipe"), "{message}");
+    let chunks = tree(&studio.path("d.zarr"));
+    let chunk = chunks.keys().find(|name| name.starts_with("coefficients/c.")).expect("a chunk");
+    fs::write(studio.path("d.zarr").join(chunk), b"short").expect("damaged");
+    let (status, message) = studio.fail(&["fit", "d.zarr", "-o", "m.safetensors"]);
+    assert_eq!(status, 1);
+    assert!(message.contains("coefficients"), "{message}");
+    assert!(!studio.path("m.safetensors").exists());
+}
+
+/// `run` makes its four results, a second run keeps them, a missed target is status 3, and a model
+/// lies about nothing: a flipped byte in its header is refused.
+#[test]
+fn a_run_is_kept_and_judged() {
+    let studio = Studio::new();
+    let words = ["run", "figure.glb", "-o", "out", "--fps", "4", "--rays", "8", "--signal", "ao"];
+    let more = ["--reference-poses", "2", "--hold-out", "jump", "--json"];
+    let words = [&words[..], &more[..]].concat();
+    let first = studio.succeed(&words);
+    let json: Value = serde_json::from_slice(&first.stdout).expect("one JSON object");
+    assert!(
+        json["figures"]["measured"]["splits"].as_array().is_some_and(|s| s.len() >= 2),
+        "{json}"
+    );
+    let before = tree(&studio.path("out"));
+    for name in ["model.safetensors", "report.html", "figures.json", "recipe.json"] {
+        assert!(before.contains_key(name), "{name} is missing");
+    }
+    studio.succeed(&words);
+    assert!(before == tree(&studio.path("out")), "a second run changed something");
+
+    let missed = studio.run(&[&words[..], &["--max-error", "1e-9"]].concat());
+    assert_eq!(missed.status.code(), Some(3), "{}", text(&missed.stderr));
+    let json: Value = serde_json::from_slice(&missed.stdout).expect("one JSON object");
+    assert_eq!(json["target_met"], Value::Bool(false));
+
+    let mut blob = before["model.safetensors"].clone();
+    blob[3] ^= 0x40;
+    fs::write(studio.path("lie.safetensors"), blob).expect("written");
+    let (status, message) = studio.fail(&["inspect", "lie.safetensors"]);
+    assert_eq!(status, 1);
+    assert!(!message.contains("panicked"), "{message}");
+}
+
+/// A scene without motion is baked once; its model is its mean and says so.
+#[test]
+fn a_static_scene_is_its_mean() {
+    let studio = Studio::new();
+    let cube = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 0 0 1\nv 1 0 1\nv 0 1 1\nv 1 1 1\n\
+        f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6\n";
+    fs::write(studio.path("cube.obj"), cube).expect("written");
+    let words = ["run", "cube.obj", "-o", "out", "--rays", "16", "--json"];
+    let output = studio.succeed(&words);
+    let json: Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
+    assert_eq!(json["figures"]["model"]["family"], "mean");
+    assert_eq!(json["bake"]["poses"], 1);
+    let notices = json["notices"].to_string();
+    assert!(notices.contains("does not move"), "{notices}");
+    assert!(text(&output.stderr).is_empty(), "not quiet: {}", text(&output.stderr));
+}
