@@ -24,7 +24,7 @@ pub(super) fn finish(measurement: &Measurement) -> Measured {
     let headline = TELLING.into_iter().find(|s| measurement.groups.contains_key(s));
     let lights = match settings.signal {
         Signal::Transfer => lights(),
-        Signal::Ao | Signal::Visibility => Vec::new(),
+        Signal::Ao | Signal::Visibility => &[],
     };
     let lights = lights
         .iter()

@@ -6,6 +6,7 @@
 //! nothing shades has radiance 1: errors are fractions of that, and the peak of the PSNR is 1.
 
 use std::f64::consts::PI;
+use std::sync::LazyLock;
 
 use glam::Vec3;
 
@@ -135,7 +136,12 @@ impl Light {
 
 /// The fixed set: a constant sky, an overcast sky, a noon sun, a sunset, a studio, a side light.
 #[must_use]
-pub fn lights() -> Vec<Light> {
+pub fn lights() -> &'static [Light] {
+    static LIGHTS: LazyLock<Vec<Light>> = LazyLock::new(set);
+    &LIGHTS
+}
+
+fn set() -> Vec<Light> {
     use Profile::{Constant, Horizon, Lobe, Overcast};
     const UP: [f32; 3] = [0.0, 1.0, 0.0];
     const LOW_SUN: [f32; 3] = [0.85, 0.12, 0.5];
@@ -199,7 +205,7 @@ mod tests {
         for light in lights() {
             let mut sum = vec![0.0; 36];
             let mut y = vec![0.0; 36];
-            let (rows, columns) = (400, 256);
+            let (rows, columns) = (160, 96);
             for (z, weight) in gauss_legendre(rows) {
                 for k in 0..columns {
                     let angle = 2.0 * PI * (f64::from(k) + 0.5) / f64::from(columns);

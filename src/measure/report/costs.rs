@@ -69,7 +69,7 @@ pub(super) fn beside_prt(input: &ReportInput<'_>) -> String {
     let heads: String = SOURCES.iter().map(|s| format!("<th scope=\"col\">{s}</th>")).collect();
     format!(
         "<div class=\"scroll\" tabindex=\"0\"><table class=\"figures beside\"><thead><tr><th scope=\"col\"></th><th scope=\"col\">This run</th>{heads}</tr></thead><tbody>{}</tbody></table></div>\
-         <p class=\"note\">Published figures: Nowrouzezahrai et al. 2007, tables 1 and 2 and §5. <strong>Other hardware, other characters, other motion</strong>: they show the scale of things, not a race. Operations count a multiplication as 2 and an addition as 1, as they did; theirs are for one coefficient, times 36 here. Their rates are of the whole program, ours of the evaluation on one core.</p>",
+         <p class=\"note\">Published figures: Nowrouzezahrai et al. 2007, tables 1 and 2 and §5. <strong>Other hardware, other characters, other motion</strong>: they show the scale of things, not a race. Operations count a multiplication as 2 and an addition as 1, as they did; theirs are for one coefficient, times 36 here. Their rates are of the whole program, ours of the evaluation on one core. Our output dimensions are of the energy with the mean in it, theirs of a PCA.</p>",
         rows.concat()
     )
 }

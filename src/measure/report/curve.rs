@@ -15,7 +15,8 @@ pub(super) fn figures(measured: &Measured) -> String {
         return String::new();
     };
     let clips = split.clips.len();
-    let mut out: String = (0..clips.min(MOST_CLIPS)).map(|c| figure(split, c)).collect();
+    let mut out: String =
+        (0..clips.min(MOST_CLIPS)).map(|c| figure(split, c, measured.frame_s)).collect();
     if clips > MOST_CLIPS {
         out.push_str(&format!(
             "<p class=\"note\">{} more clips are in the measurement's JSON.</p>",
@@ -25,10 +26,19 @@ pub(super) fn figures(measured: &Measured) -> String {
     out
 }
 
+/// The step in time beyond which a line is broken: frames that were not measured are not drawn
+/// over, unless most were not, when a line is all that joins the dots.
+fn gap(points: &[(f64, f64)], frame_s: f64) -> f64 {
+    let close = 1.5 * frame_s;
+    let steps = points.windows(2).map(|w| w[1].0 - w[0].0);
+    let neighbours = steps.filter(|&step| step <= close).count();
+    if 2 * neighbours >= points.len().saturating_sub(1) { close } else { f64::INFINITY }
+}
+
 /// Identifiers of the figures' titles.
 const IDS: [&str; MOST_CLIPS] = ["curve0", "curve1", "curve2", "curve3", "curve4", "curve5"];
 
-fn figure(split: &SplitMeasured, clip: usize) -> String {
+fn figure(split: &SplitMeasured, clip: usize, frame_s: f64) -> String {
     let frames = &split.frames;
     let at: Vec<usize> = (0..frames.clip.len()).filter(|&i| frames.clip[i] == clip).collect();
     let series = |values: &[f64]| -> Vec<(f64, f64)> {
@@ -46,10 +56,18 @@ fn figure(split: &SplitMeasured, clip: usize) -> String {
     let axes = (Axis::linear(first.0, last.0), Axis::from_zero(top * 1.04));
     let mut plot = Plot::new(IDS[clip], (960.0, 300.0), axes);
     plot.grid("seconds into the clip", "mean |error| of ambient occlusion");
-    plot.area("noise", &noise);
+    let gap = gap(&noise, frame_s);
+    let stretches = |points: &[(f64, f64)]| -> Vec<Vec<(f64, f64)>> {
+        points.chunk_by(|a, b| b.0 - a.0 <= gap).map(<[_]>::to_vec).collect()
+    };
+    for stretch in stretches(&noise) {
+        plot.area("noise", &stretch);
+    }
     for (candidate, points) in &drawn {
         let class = class(candidate.kind);
-        plot.line(class, points.iter().copied());
+        for stretch in stretches(points) {
+            plot.line(class, stretch.iter().copied());
+        }
         if points.len() <= DOTTED {
             for &(t, e) in points {
                 let hint = format!("{}: {} at {} s", candidate.name, number(e, 3), number(t, 3));
@@ -105,4 +123,20 @@ fn caption(split: &SplitMeasured, clip: usize, frames: usize) -> String {
          ambient occlusion. Inside the grey area an error cannot be told from the reference’s noise.",
         split.split.name()
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Runs of neighbouring frames are told apart where frames between them were not measured;
+    /// frames that are all far apart stay joined.
+    #[test]
+    fn lines_break_at_gaps() {
+        let at = |times: &[f64]| times.iter().map(|&t| (t, 0.0)).collect::<Vec<_>>();
+        let runs = at(&[0.0, 0.1, 0.2, 0.9, 1.0, 1.1]);
+        assert!(gap(&runs, 0.1) < 0.7);
+        assert_eq!(gap(&at(&[0.0, 0.5, 1.0]), 0.1), f64::INFINITY);
+        assert!(gap(&at(&[0.0]), 0.1) < 0.7);
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::figures::estimate;
 use super::input::ReportInput;
-use super::text::{bytes, duration, escape, many, number, percent, plural, size, time};
+use super::text::{bytes, count, duration, escape, many, number, percent, plural, size, time};
 use crate::measure::{CandidateMeasured, Kind, Signal, Split, SplitMeasured};
 
 /// The headline split with its model and its baseline.
@@ -36,7 +36,7 @@ pub(super) fn head(input: &ReportInput<'_>) -> String {
     format!(
         "<header><p class=\"eyebrow\">{eyebrow}</p><h1>{}</h1><p class=\"lede\">{lede}</p></header>{}{}",
         escape(input.title),
-        warnings(&input.warnings),
+        warnings(&all_warnings(input)),
         tiles(input, headline.as_ref()),
     )
 }
@@ -59,8 +59,9 @@ fn lede(input: &ReportInput<'_>, h: &Headline<'_>) -> String {
         Split::Training => "In the poses that it was fitted to",
     };
     let error = h.model.ao.mean_absolute.value;
+    let any = if input.character.parameters > 0 { " for any pose" } else { "" };
     let mut text = format!(
-        "{model} gives {what} at {vertices} for any pose. {seen}, its ambient occlusion is off by {} on average",
+        "{model} gives {what} at {vertices}{any}. {seen}, its ambient occlusion is off by {} on average",
         number(error, 2)
     );
     if let Some(baseline) = h.baseline {
@@ -73,19 +74,38 @@ fn lede(input: &ReportInput<'_>, h: &Headline<'_>) -> String {
     text
 }
 
-/// How the error compares to the baseline's.
+/// How the error compares to the baseline's; differences below 0.5 % are none.
 fn against(error: f64, baseline: f64) -> String {
-    let shown = number(baseline, 2);
-    if error > baseline {
+    let (shown, less) = (number(baseline, 2), 1.0 - error / baseline.max(1e-300));
+    if less.abs() < 0.005 {
+        return ", the same as a model that ignores the pose".to_owned();
+    }
+    if less < 0.0 {
         return format!(
             ", which is <strong>worse</strong> than the {shown} of a model that ignores the pose"
         );
     }
-    let part = 1.0 - error / baseline.max(1e-300);
-    format!(
-        ", where a model that ignores the pose is off by {shown}: {} less",
-        percent((part * 100.0).round() / 100.0).replace(".0\u{a0}", "\u{a0}")
-    )
+    let part = (less * 100.0).round();
+    format!(", where a model that ignores the pose is off by {shown}: {part}\u{a0}% less")
+}
+
+/// The caller's warnings, and those that the figures themselves call for.
+fn all_warnings(input: &ReportInput<'_>) -> Vec<String> {
+    let mut all = input.warnings.clone();
+    if input.measured.headline == Some(Split::Training) && input.character.parameters > 0 {
+        all.push(
+            "No motion was held out: the errors are of poses that the fit has seen.".to_owned(),
+        );
+    }
+    let (rays, wanted) = (input.measured.reference_rays, 8 * u64::from(input.character.rays));
+    if let Some(rays) = rays.filter(|&r| u64::from(r) < wanted) {
+        all.push(format!(
+            "The references have {} rays per point; {} (8 times the bake's) are asked for.",
+            count(u64::from(rays)),
+            count(wanted)
+        ));
+    }
+    all
 }
 
 fn warnings(warnings: &[String]) -> String {

@@ -22,7 +22,8 @@ pub struct ReportInput<'a> {
     pub model: ModelFacts,
     /// Eigenvalues of the pose parameters' covariance.
     pub pose_spectrum: Spectrum<'a>,
-    /// Eigenvalues of the outputs' covariance.
+    /// Squared singular values of the outputs, rows (pose, coefficient), columns points: their
+    /// energy, not centred, since no mean is stored beside the basis.
     pub output_spectrum: Spectrum<'a>,
     /// Seconds and rays.
     pub times: Times,

@@ -91,8 +91,16 @@ fn curves_lead(input: &ReportInput<'_>) -> &'static str {
 }
 
 fn spectra(input: &ReportInput<'_>) -> String {
-    let pose = spectrum::figure("pose-spectrum", "the pose parameters", &input.pose_spectrum);
-    let output = spectrum::figure("output-spectrum", "the outputs", &input.output_spectrum);
+    let pose = spectrum::figure(
+        "pose-spectrum",
+        ("variance", "the pose parameters"),
+        &input.pose_spectrum,
+    );
+    let output = spectrum::figure(
+        "output-spectrum",
+        ("energy", "the outputs (Σ y², their mean included)"),
+        &input.output_spectrum,
+    );
     match (pose, output) {
         (None, None) => String::new(),
         (pose, output) => {

@@ -36,9 +36,14 @@ pub(super) fn summary(spectrum: &Spectrum<'_>) -> Summary {
     Summary { dimensions: MARKS.map(|m| reach(m.0)), kept }
 }
 
-/// The remaining variance after each dimension, on logarithmic axes, with the marks. `None` of an
+/// What each number of dimensions leaves out, on logarithmic axes, with the marks; `measure` is
+/// what is shared out: variance, or energy with the mean in it. `None` of an
 /// empty spectrum.
-pub(super) fn figure(id: &'static str, name: &str, spectrum: &Spectrum<'_>) -> Option<String> {
+pub(super) fn figure(
+    id: &'static str,
+    (measure, name): (&str, &str),
+    spectrum: &Spectrum<'_>,
+) -> Option<String> {
     let cumulative = cumulative(spectrum);
     let count = cumulative.len();
     if count == 0 {
@@ -52,7 +57,7 @@ pub(super) fn figure(id: &'static str, name: &str, spectrum: &Spectrum<'_>) -> O
     let wide = count > 120;
     let across = if wide { Axis::log(1.0, count as f64) } else { Axis::linear(0.0, count as f64) };
     let mut plot = Plot::new(id, (480.0, 290.0), (across, Axis::log(lowest, 1.0)));
-    plot.grid("dimensions", "variance left out (1 = all)");
+    plot.grid("dimensions", &format!("{measure} left out (1 = all)"));
     let shown: Vec<(f64, f64)> =
         left.into_iter().filter(|p| (!wide || p.0 >= 1.0) && p.1 >= lowest).collect();
     plot.area("model", &shown);
@@ -61,7 +66,7 @@ pub(super) fn figure(id: &'static str, name: &str, spectrum: &Spectrum<'_>) -> O
     for ((_, label), dimensions) in MARKS.iter().zip(summary.dimensions) {
         let Some(k) = dimensions else { continue };
         let at = (k as f64, 1.0 - cumulative[k - 1]);
-        plot.dot("model", at, &format!("{k} dimensions hold {label} of the variance"));
+        plot.dot("model", at, &format!("{k} dimensions hold {label} of the {measure}"));
         let right = plot.px(k as f64) > 330.0;
         let (by, anchor) = if right { ((-8.0, 16.0), "end") } else { ((9.0, -7.0), "start") };
         plot.label("", at, by, (anchor, &format!("{label} in {k}")));
@@ -70,20 +75,20 @@ pub(super) fn figure(id: &'static str, name: &str, spectrum: &Spectrum<'_>) -> O
         let anchor = if plot.px(kept as f64) > 360.0 { "end" } else { "start" };
         plot.rule(kept as f64, &format!("kept: {kept}"), anchor);
     }
-    let caption = caption(name, spectrum, &summary);
+    let caption = caption((measure, name), spectrum, &summary);
     let svg = plot.finish(&format!("Spectrum of {name}"), &caption);
     Some(format!("<figure>{svg}<figcaption>{}</figcaption></figure>", escape(&caption)))
 }
 
-fn caption(name: &str, spectrum: &Spectrum<'_>, summary: &Summary) -> String {
-    let mut text = format!("Variance of {name} that remains after so many dimensions.");
+fn caption((measure, name): (&str, &str), spectrum: &Spectrum<'_>, summary: &Summary) -> String {
+    let mut text = format!("Part of the {measure} of {name} that so many dimensions leave out.");
     let held: Vec<String> = MARKS
         .iter()
         .zip(summary.dimensions)
         .filter_map(|((_, label), k)| k.map(|k| format!("{label} in {k}")))
         .collect();
     if !held.is_empty() {
-        text.push_str(&format!(" It holds {}.", held.join(", ")));
+        text.push_str(&format!(" They hold {}.", held.join(", ")));
     }
     if let (Some(kept), Some(fraction)) = (spectrum.kept, summary.kept) {
         text.push_str(&format!(" The model keeps {kept}, which hold {}.", percent(fraction)));
@@ -111,7 +116,7 @@ mod tests {
         assert_eq!(summary(&part).dimensions, [Some(2), None, None]);
         let none = Spectrum::default();
         assert_eq!(summary(&none).dimensions, [None; 3]);
-        assert_eq!(figure("x", "poses", &none), None);
+        assert_eq!(figure("x", ("variance", "poses"), &none), None);
     }
 
     /// A spectrum of zeros, one value, and a thousand all draw.
@@ -120,7 +125,7 @@ mod tests {
         let thousand: Vec<f64> = (0..1000).map(|i| 0.9f64.powi(i)).collect();
         for values in [&[0.0, 0.0][..], &[2.0], &thousand] {
             let spectrum = Spectrum { values, total: None, kept: Some(1) };
-            let svg = figure("x", "poses", &spectrum).unwrap();
+            let svg = figure("x", ("variance", "poses"), &spectrum).unwrap();
             assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
         }
     }

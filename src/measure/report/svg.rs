@@ -3,7 +3,7 @@
 
 use std::fmt::Write as _;
 
-use super::text::{escape, number};
+use super::text::{escape, number, superscript};
 
 /// A range of data and how it is spread.
 #[derive(Debug, Clone, Copy)]
@@ -30,7 +30,7 @@ impl Axis {
     /// From zero to a round number at or above `high`.
     pub(super) fn from_zero(high: f64) -> Self {
         let axis = Self::linear(0.0, if high > 0.0 { high } else { 1.0 });
-        let step = axis.step(4);
+        let step = axis.step(6);
         Self { high: (axis.high / step).ceil() * step, ..axis }
     }
 
@@ -79,17 +79,15 @@ impl Axis {
             .map(|d| {
                 (
                     10f64.powi(d),
-                    if (-3..5).contains(&d) { number(10f64.powi(d), 1) } else { power(d) },
+                    if (-3..5).contains(&d) {
+                        number(10f64.powi(d), 1)
+                    } else {
+                        format!("10{}", superscript(d))
+                    },
                 )
             })
             .collect()
     }
-}
-
-/// 10 to an exponent, as text.
-fn power(exponent: i32) -> String {
-    let text = number(10f64.powi(exponent), 1);
-    text.rsplit('\u{a0}').next().map_or(text.clone(), str::to_owned)
 }
 
 /// A plot under way.
@@ -251,7 +249,7 @@ mod tests {
     fn ticks_are_round() {
         let labels =
             |axis: Axis, n| axis.ticks(n).into_iter().map(|t| t.1).collect::<Vec<_>>().join(" ");
-        assert_eq!(labels(Axis::from_zero(0.0231), 4), "0 0.01 0.02 0.03");
+        assert_eq!(labels(Axis::from_zero(0.0231), 4), "0 0.01 0.02");
         assert_eq!(
             labels(Axis::linear(-0.2, 0.2), 4),
             "−0.1 0 0.1".replace("−0.1", "−0.2 −0.1") + " 0.2"

@@ -43,7 +43,8 @@ fn sign(number: &str) -> String {
     number.replacen('-', "−", 1)
 }
 
-fn superscript(exponent: i32) -> String {
+/// A number as an exponent is written.
+pub(super) fn superscript(exponent: i32) -> String {
     const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     let mut out = String::new();
     for c in exponent.to_string().chars() {
