@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use poselight::scene::{Interpolation, Scene, Target};
 
 /// Panics where a scene breaks what the documentation of its types says.
-pub fn check(scene: &Scene) {
+pub(crate) fn check(scene: &Scene) {
     check_nodes(scene);
     check_mesh(scene);
     check_morphs(scene);

@@ -121,8 +121,7 @@ fn count_values(text: &[u8]) -> u64 {
 fn parse_json(text: &[u8], notices: &mut Notices) -> Result<Root, Error> {
     let refusal = match json::deserialize::from_slice::<Root>(text) {
         Ok(root) => return Ok(root),
-        Err(refusal) if refusal.is_data() => refusal,
-        Err(refusal) => return Err(Error::Json { fault: refusal.to_string() }),
+        Err(refusal) => refusal,
     };
     let fault = || Error::Json { fault: refusal.to_string() };
     let mut document: Value = json::deserialize::from_slice(text).map_err(|_| fault())?;

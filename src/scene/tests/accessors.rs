@@ -27,7 +27,7 @@ fn interleaved_attributes_are_read() {
             "count": 3, "type": "VEC3"});
         maker.push("accessors", accessor);
     }
-    let mesh = maker.mesh(json!({"attributes": {"POSITION": 0, "NORMAL": 1}}));
+    let mesh = maker.mesh(&json!({"attributes": {"POSITION": 0, "NORMAL": 1}}));
     maker.root(json!({"mesh": mesh}));
     let scene = maker.scene();
     assert_eq!(scene.mesh.positions[2], Vec3::Y);
@@ -49,7 +49,7 @@ fn quantised_attributes_are_read() {
     let normals = maker.normalized("VEC3", &normals);
     maker.document["bufferViews"][1]["byteStride"] = json!(4);
     maker.document["accessors"][normals]["count"] = json!(3);
-    let mesh = maker.mesh(json!({"attributes": {"POSITION": positions, "NORMAL": normals}}));
+    let mesh = maker.mesh(&json!({"attributes": {"POSITION": positions, "NORMAL": normals}}));
     maker.root(json!({"mesh": mesh}));
     let scene = maker.scene();
     assert_eq!(scene.mesh.positions[1], Vec3::new(500., 0., 0.));

@@ -50,7 +50,7 @@ fn instances_cannot_multiply_beyond_the_limits() {
     let mut maker = Maker::new();
     let corners: Vec<f32> = TRIANGLE.repeat(1000);
     let positions = maker.accessor("VEC3", &corners);
-    let mesh = maker.mesh(json!({"attributes": {"POSITION": positions}}));
+    let mesh = maker.mesh(&json!({"attributes": {"POSITION": positions}}));
     let nodes: Vec<usize> = (0..5000).map(|_| maker.push("nodes", json!({"mesh": mesh}))).collect();
     maker.document["scenes"][0]["nodes"] = json!(nodes);
     assert!(maker.refusal().contains("the limit `vertices` is 4000000"), "{}", maker.refusal());

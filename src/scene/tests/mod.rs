@@ -91,7 +91,7 @@ impl Maker {
     }
 
     /// A mesh with one primitive.
-    fn mesh(&mut self, primitive: Value) -> usize {
+    fn mesh(&mut self, primitive: &Value) -> usize {
         self.push("meshes", json!({"primitives": [primitive]}))
     }
 
@@ -106,7 +106,7 @@ impl Maker {
     fn triangle() -> Self {
         let mut maker = Self::new();
         let positions = maker.accessor("VEC3", &TRIANGLE);
-        let mesh = maker.mesh(json!({"attributes": {"POSITION": positions}}));
+        let mesh = maker.mesh(&json!({"attributes": {"POSITION": positions}}));
         maker.root(json!({"mesh": mesh}));
         maker
     }

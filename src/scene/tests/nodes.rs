@@ -10,7 +10,7 @@ use super::*;
 fn parents_come_first_and_names_differ() {
     let mut maker = Maker::new();
     let positions = maker.accessor("VEC3", &TRIANGLE);
-    let mesh = maker.mesh(json!({"attributes": {"POSITION": positions}}));
+    let mesh = maker.mesh(&json!({"attributes": {"POSITION": positions}}));
     maker.push("nodes", json!({"name": "arm", "mesh": mesh}));
     maker.push("nodes", json!({"name": "arm", "children": [0]}));
     maker.push("nodes", json!({"name": "arm_2"}));

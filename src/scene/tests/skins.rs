@@ -11,7 +11,7 @@ fn skinned(joints: &[u8; 12], weights: &[f32; 12]) -> Maker {
     let joints = maker.accessor("VEC4", joints);
     let weights = maker.accessor("VEC4", weights);
     let attributes = json!({"POSITION": positions, "JOINTS_0": joints, "WEIGHTS_0": weights});
-    let mesh = maker.mesh(json!({"attributes": attributes}));
+    let mesh = maker.mesh(&json!({"attributes": attributes}));
     let shift = |x| Mat4::from_translation(Vec3::new(x, 0.0, 0.0)).to_cols_array();
     let matrices = maker.accessor("MAT4", &[shift(-1.0), shift(-2.0)].concat());
     maker.push("skins", json!({"joints": [1, 2], "inverseBindMatrices": matrices}));
@@ -36,7 +36,7 @@ fn meshes_share_a_skin() {
     let mut maker = skinned(&ALTERNATING, &HALVES);
     maker.root(json!({"mesh": 0, "skin": 0}));
     let positions = maker.accessor("VEC3", &TRIANGLE);
-    let rigid = maker.mesh(json!({"attributes": {"POSITION": positions}}));
+    let rigid = maker.mesh(&json!({"attributes": {"POSITION": positions}}));
     let held = maker.push("nodes", json!({"mesh": rigid}));
     maker.document["nodes"][2]["children"] = json!([held]);
     let scene = maker.scene();
