@@ -1,6 +1,5 @@
 # make demo   a bundled character, baked, fitted, measured: ends with demo/report.html
 # make test   format, lints, documentation, every test
-# make serve  the HTTP service (see README)
 # make bench  the measured tables of README
 # make fuzz   the readers of foreign bytes, ten million runs each
 # Every target brings what it needs; a second run is quick.
@@ -14,7 +13,7 @@ DEMO ?= demo
 DEMO_FLAGS ?= --rays 128
 BUILT ?= build
 
-.PHONY: demo test bench fuzz setup build assets-table
+.PHONY: demo test bench fuzz setup build
 
 setup:
 	@.ci/setup
@@ -26,6 +25,21 @@ demo: $(BUILT)
 	$(BIN) sample figure -o $(DEMO)/figure.glb
 	$(BIN) run $(DEMO)/figure.glb -o $(DEMO)/run --hold-out jump $(DEMO_FLAGS)
 	@echo "Look at $(DEMO)/run/report.html"
+
+# The tables of README. CHARACTERS names a folder of GLB files; without it the table of characters
+# is made from the bundled one.
+CHARACTERS ?= $(DEMO)
+ASSET_FLAGS ?= --rays 64
+bench: setup
+	$(CARGO) bench --locked --bench trace
+	$(CARGO) bench --locked --bench evaluate
+	$(CARGO) bench --locked --bench fit
+	$(CARGO) run --release --locked -- sample figure -o $(DEMO)/figure.glb
+	$(CARGO) bench --locked --bench assets -- $(CHARACTERS) $(ASSET_FLAGS)
+
+# The readers of foreign bytes, FUZZ_RUNS runs each.
+fuzz: setup
+	@for target in importer blob recipe dataset; do tests/fuzz/run $$target -runs=$(FUZZ_RUNS) || exit 1; done
 
 test: setup $(VENV)/ready
 	$(CARGO) fmt --check

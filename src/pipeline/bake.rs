@@ -78,7 +78,6 @@ fn pose_data(pose: &BakedPose) -> PoseData<'_> {
     PoseData { coefficients: &pose.coefficients, noise: &pose.noise, rays: &pose.rays }
 }
 
-#[expect(clippy::too_many_arguments, reason = "the loop's whole state, used once")]
 fn bake_blocks(
     job: &Job,
     baker: &Baker,

@@ -1,5 +1,7 @@
 //! Raw recipe → checked recipe: only settings that passed here run.
 
+use std::fmt::Display;
+
 use super::recipe::{
     BakeRecipe, DEFAULT_INPUTS, DEFAULT_OUTPUTS, FamilyName, FitRecipe, FrameName, OnName,
     PosesRecipe, PrecisionName, Recipe, RidgeName, SignalName, TargetRecipe, VERSION,
@@ -173,14 +175,15 @@ fn precision(name: PrecisionName) -> model::Precision {
     }
 }
 
-fn error(field: &'static str, found: impl ToString, expected: &'static str) -> RecipeError {
-    RecipeError { field, found: found.to_string(), expected }
+fn error(field: &'static str, found: impl Display, expected: &'static str) -> RecipeError {
+    let found = format!("{found}");
+    RecipeError { field, found, expected }
 }
 
 fn require(
     holds: bool,
     field: &'static str,
-    found: impl ToString,
+    found: impl Display,
     expected: &'static str,
 ) -> Result<(), RecipeError> {
     if holds { Ok(()) } else { Err(error(field, found, expected)) }

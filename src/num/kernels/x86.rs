@@ -37,9 +37,10 @@ macro_rules! kernels {
                     let mut sums = [[$set1(0.0); PASS]; N];
                     for (j, lanes) in panel.iter().enumerate() {
                         let left = &lanes.0[first * LANES..(first + PASS) * LANES];
-                        // SAFETY: vector v ends within the slice, which has PASS of them.
-                        let left: [_; PASS] =
-                            std::array::from_fn(|v| unsafe { $load(left.as_ptr().add(v * LANES)) });
+                        let left: [_; PASS] = std::array::from_fn(|v| {
+                            // SAFETY: vector v ends within the slice, which has PASS of them.
+                            unsafe { $load(left.as_ptr().add(v * LANES)) }
+                        });
                         // One broadcast lives at a time: the sums need the other registers.
                         for (sums, right) in sums.iter_mut().zip(right(j)) {
                             let right = $set1(right);
@@ -89,9 +90,10 @@ macro_rules! kernels {
                 for (j, lanes) in panel.iter().enumerate() {
                     let left: &[f32; ROWS] = lanes.0[row..].first_chunk().expect("rows of a panel");
                     let right = &right[j * stride..j * stride + V * LANES];
-                    // SAFETY: vector v ends within the slice, which has V of them.
-                    let right: [_; V] =
-                        std::array::from_fn(|v| unsafe { $load(right.as_ptr().add(v * LANES)) });
+                    let right: [_; V] = std::array::from_fn(|v| {
+                        // SAFETY: vector v ends within the slice, which has V of them.
+                        unsafe { $load(right.as_ptr().add(v * LANES)) }
+                    });
                     for (sums, &left) in sums.iter_mut().zip(left) {
                         let left = $set1(left);
                         for v in 0..V {
