@@ -1,0 +1,156 @@
+//! `proto/model.md` is enough to write a reader: the one that it shows, which shares no code with
+//! this crate, reads blobs of every family and precision and evaluates them to the same numbers.
+//! `make test` brings the interpreter; a run without it skips, except where `CI` is set.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use poselight::model::{
+    ColumnHeader, Decoder, FORMAT_VERSION, Family, Frame, Header, MeshIdentity, Model, NodeHeader,
+    Precision, Provenance, RigHeader, Signal, SourceHeader, TrainingSummary, WeightHeader,
+};
+use poselight::num::random::Stream;
+
+const POINTS: usize = 300;
+const VERTICES: usize = 310;
+const PARAMETERS: usize = 5;
+const INPUTS: usize = 3;
+const OUTPUTS: usize = 7;
+const WIDTH: usize = 16;
+
+/// What is run after the reader of the page.
+const DRIVER: &str = r#"
+import sys
+blob, parameters, expected = sys.argv[1:]
+header, tensors = read(blob)
+x, expected = np.fromfile(parameters, "<f4"), np.fromfile(expected, "<f4")
+y = evaluate(header, tensors, x)
+assert y.shape == (310, 16), y.shape
+worst = np.abs(y.ravel() - expected).max()
+assert worst < 1e-4, worst
+"#;
+
+/// An interpreter that has numpy.
+fn python() -> Option<PathBuf> {
+    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python");
+    let python = std::env::var_os("POSELIGHT_PYTHON").map_or(own, PathBuf::from);
+    let has = Command::new(&python).args(["-c", "import numpy"]).output();
+    if has.is_ok_and(|output| output.status.success()) {
+        return Some(python);
+    }
+    assert!(std::env::var_os("CI").is_none(), "{} has no numpy", python.display());
+    eprintln!("skipped: {} has no numpy (make test brings it)", python.display());
+    None
+}
+
+fn numbers(seed: u64, count: usize) -> Vec<f32> {
+    let mut stream = Stream::new(seed);
+    (0..count).map(|_| stream.normal() as f32).collect()
+}
+
+fn rig() -> RigHeader {
+    let node = NodeHeader {
+        name: "Hips".to_owned(),
+        parent: None,
+        translation: [0.0; 3],
+        rotation: [0.0, 0.0, 0.0, 1.0],
+        scale: [1.0; 3],
+    };
+    let slots = 0..PARAMETERS as u32;
+    let weights = slots.clone().map(|i| WeightHeader { name: format!("{i}"), default: 0.0 });
+    let columns = slots.map(|slot| ColumnHeader {
+        name: format!("{slot}"),
+        source: SourceHeader::Weight { slot },
+    });
+    RigHeader {
+        nodes: vec![node],
+        root_node: Some(0),
+        bones: vec![0],
+        weights: weights.collect(),
+        columns: columns.collect(),
+        size_m: 1.0,
+        dropped: Vec::new(),
+    }
+}
+
+fn model(family: Family) -> Model {
+    let retained = if family == Family::PcaLinear { INPUTS } else { 0 };
+    let header = Header {
+        format_version: FORMAT_VERSION,
+        family,
+        precision: Precision::F32,
+        signal: Signal::Transfer,
+        order: 4,
+        channels: 1,
+        frame: Frame::Bone,
+        conventions: Header::conventions(),
+        rig: rig(),
+        mesh: MeshIdentity {
+            scene_sha256: "0".repeat(64),
+            vertices: VERTICES as u32,
+            points: POINTS as u32,
+            parts: Vec::new(),
+        },
+        training: TrainingSummary {
+            poses: 1,
+            centre: numbers(1, PARAMETERS),
+            deviations: vec![1.0; retained],
+            residual_rms: 0.0,
+            directions: Vec::new(),
+        },
+        errors: [].into(),
+        provenance: Provenance::default(),
+    };
+    let mean = numbers(2, POINTS * WIDTH);
+    let decoder = match family {
+        Family::Mean => Decoder::Mean { mean },
+        Family::Linear => {
+            Decoder::Linear { mean, weights: numbers(3, POINTS * WIDTH * PARAMETERS) }
+        }
+        Family::PcaLinear => Decoder::PcaLinear {
+            projection: numbers(4, PARAMETERS * INPUTS),
+            coefficients: numbers(5, WIDTH * (INPUTS + 1) * OUTPUTS),
+            basis: numbers(6, POINTS * OUTPUTS),
+        },
+    };
+    let points = (0..VERTICES).map(|vertex| (vertex * 7 % POINTS) as u32).collect();
+    Model::new(header, decoder, points, vec![0; POINTS]).expect("a valid model")
+}
+
+/// Our own evaluation of the bytes, at the vertices.
+fn evaluated(bytes: &[u8], parameters: &[f32]) -> Vec<f32> {
+    let model = Model::from_bytes(bytes).expect("our own blob");
+    let mut out = vec![0.0; POINTS * WIDTH];
+    model.evaluate(parameters, None, &mut out).expect("evaluates");
+    let rows = model.point_of_vertex().iter();
+    rows.flat_map(|&point| &out[point as usize * WIDTH..][..WIDTH]).copied().collect()
+}
+
+#[test]
+fn the_page_is_enough_for_a_reader() {
+    let Some(python) = python() else { return };
+    let page = include_str!("../proto/model.md");
+    let (_, code) = page.split_once("```python\n").expect("the page shows a reader");
+    let (code, _) = code.split_once("```").expect("the reader ends");
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let file = |name: &str, bytes: &[u8]| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).expect("writes");
+        path
+    };
+    let script = file("reader.py", format!("{code}{DRIVER}").as_bytes());
+    let raw = |values: &[f32]| values.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+    let parameters = numbers(9, PARAMETERS);
+    let input = file("parameters", &raw(&parameters));
+    for &family in Family::ALL {
+        for &precision in Precision::ALL {
+            let bytes = model(family).to_bytes(precision).expect("writes");
+            let blob = file("model.safetensors", &bytes);
+            let expected = file("expected", &raw(&evaluated(&bytes, &parameters)));
+            let run = Command::new(&python).args([&script, &blob, &input, &expected]).output();
+            let run = run.expect("runs");
+            let text = String::from_utf8_lossy(&run.stderr);
+            assert!(run.status.success(), "{family} {precision}: {text}");
+        }
+    }
+}
