@@ -4,6 +4,8 @@
 //! `cargo bench --bench evaluate`. Every round runs all contestants in turn, so that what else the
 //! machine does hits all of them; ratios are of the best rounds, medians stand beside.
 
+#![expect(clippy::print_stdout, reason = "a benchmark prints its table")]
+
 use std::hint::black_box;
 use std::time::Instant;
 
