@@ -20,7 +20,7 @@ pub(super) fn worst(input: &ReportInput<'_>) -> String {
 fn worst_list(worst: &Worst) -> String {
     let clip = |name: &str, time_s: f64, pose: usize| match name {
         "" => format!("pose {pose}"),
-        name => format!("{} at {}\u{a0}s (pose {pose})", escape(name), number(time_s, 4)),
+        name => format!("{} at {time_s:.2}\u{a0}s (pose {pose})", escape(name)),
     };
     format!(
         "<dl><dt>Worst pose</dt><dd>{}: mean |error| {}</dd><dt>Worst vertex</dt><dd>{}: mean |error| {}</dd><dt>Worst of all</dt><dd>{} in {}: {} by {}</dd></dl>",

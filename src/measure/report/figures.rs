@@ -200,10 +200,7 @@ pub(super) fn precisions(input: &ReportInput<'_>) -> String {
         let added = c.added.map_or_else(
             || "<td>–</td>".repeat(4),
             |a| {
-                let growth = a.mean_square_growth.map_or("–".to_owned(), |g| {
-                    let sign = if g > 0.0 { "+" } else { "" };
-                    format!("{sign}{}", percent(g))
-                });
+                let growth = a.mean_square_growth.map_or("–".to_owned(), growth);
                 let cells = [a.coefficient_rms, a.ao_mae, a.ao_max].map(|x| number(x, 2));
                 let cells = cells.iter().chain([&growth]);
                 cells.map(|x| format!("<td>{x}</td>")).collect()
@@ -223,4 +220,13 @@ pub(super) fn precisions(input: &ReportInput<'_>) -> String {
     format!(
         "<div class=\"scroll\" tabindex=\"0\"><table class=\"figures\"><thead><tr><th scope=\"col\">Stored as</th><th scope=\"col\">Blob</th><th scope=\"col\">Added coefficient RMS</th><th scope=\"col\">Added AO mean</th><th scope=\"col\">Added AO max</th><th scope=\"col\">Mean square grows by</th><th scope=\"col\">AO mean |e|</th></tr></thead><tbody>{rows}</tbody></table></div>"
     )
+}
+
+/// A relative change with its sign; below 0.01 % only that.
+fn growth(change: f64) -> String {
+    match change {
+        x if x.abs() < 1e-4 => "&lt;\u{a0}0.01\u{a0}%".to_owned(),
+        x if x > 0.0 => format!("+{}", percent(x)),
+        x => percent(x),
+    }
 }
