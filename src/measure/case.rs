@@ -162,7 +162,7 @@ pub struct Case<'a> {
     pub time_s: f32,
     /// What the pose proves.
     pub split: Split,
-    /// Unit shading normals [point], root frame.
+    /// Unit shading normals `[point]`, root frame.
     pub normals: &'a [Vec3],
     /// A bake of many rays.
     pub reference1: &'a [f32],

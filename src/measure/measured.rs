@@ -326,6 +326,6 @@ pub struct Surface {
     pub split: Split,
     /// A vertex of each point, glTF order.
     pub vertex: Vec<u32>,
-    /// Mean |error| [point].
+    /// Mean |error| `[point]`.
     pub ao_mae: Vec<f32>,
 }

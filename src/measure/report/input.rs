@@ -139,7 +139,7 @@ pub struct Phase {
 /// The mesh at rest.
 #[derive(Debug, Clone, Copy)]
 pub struct RestMesh<'a> {
-    /// Posed at rest, metres, +Y up, [vertex].
+    /// Posed at rest, metres, +Y up, `[vertex]`.
     pub positions: &'a [Vec3],
     /// Vertex indices.
     pub triangles: &'a [[u32; 3]],
