@@ -1,10 +1,11 @@
 //! How close the evaluation of P(8,22) comes to the machine's own multiply-add peak, on one core,
 //! beside the slower instruction sets and faer's product; and what folding a light saves.
 //!
-//! `cargo bench --bench evaluate`. Every round runs all contestants in turn, so that what else the
-//! machine does hits all of them; ratios are of the best rounds, medians stand beside.
+//! `cargo bench --bench evaluate`; numbers after `--` are other counts of points. Every round
+//! runs all contestants in turn, so that what else the machine does hits all of them; ratios are
+//! of the best rounds, medians stand beside.
 
-#![expect(clippy::print_stdout, reason = "a benchmark prints its table")]
+#![expect(clippy::print_stdout, reason = "a benchmark's table is its output")]
 
 use std::hint::black_box;
 use std::time::Instant;

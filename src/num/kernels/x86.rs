@@ -5,11 +5,11 @@
 /// sums, one broadcast and the loaded vectors fit the 16 or 32 registers.
 macro_rules! kernels {
     (
-        $module:ident, $feature:literal, $lanes:literal, $widest:literal, $rows:literal,
+        $module:ident, $feature:literal, $vector:ident, $lanes:literal, $widest:literal, $rows:literal,
         $set1:ident, $load:ident, $store:ident, $fmadd:ident
     ) => {
         pub(super) mod $module {
-            use std::arch::x86_64::{$fmadd, $load, $set1, $store};
+            use std::arch::x86_64::{$fmadd, $load, $set1, $store, $vector};
 
             use super::super::{Buffer, Groups, Lanes, PANEL_ROWS, Panels, TILE};
 
@@ -25,6 +25,23 @@ macro_rules! kernels {
             const CHAINS: usize = 12;
             pub(in crate::num::kernels) const EXERCISE: usize = CHAINS * LANES;
 
+            /// Vector v of the slice.
+            #[target_feature(enable = $feature)]
+            #[inline]
+            fn load(values: &[f32], v: usize) -> $vector {
+                let part = &values[v * LANES..(v + 1) * LANES];
+                // SAFETY: the slice has the length of the vector.
+                unsafe { $load(part.as_ptr()) }
+            }
+
+            #[target_feature(enable = $feature)]
+            #[inline]
+            fn store(values: &mut [f32], v: usize, vector: $vector) {
+                let part = &mut values[v * LANES..(v + 1) * LANES];
+                // SAFETY: the slice has the length of the vector.
+                unsafe { $store(part.as_mut_ptr(), vector) };
+            }
+
             /// Sums `PASS` vectors of rows of N columns, of which `right(j)` gives the factors.
             #[target_feature(enable = $feature)]
             #[inline]
@@ -37,10 +54,7 @@ macro_rules! kernels {
                     let mut sums = [[$set1(0.0); PASS]; N];
                     for (j, lanes) in panel.iter().enumerate() {
                         let left = &lanes.0[first * LANES..(first + PASS) * LANES];
-                        let left: [_; PASS] = std::array::from_fn(|v| {
-                            // SAFETY: vector v ends within the slice, which has PASS of them.
-                            unsafe { $load(left.as_ptr().add(v * LANES)) }
-                        });
+                        let left: [_; PASS] = std::array::from_fn(|v| load(left, v));
                         // One broadcast lives at a time: the sums need the other registers.
                         for (sums, right) in sums.iter_mut().zip(right(j)) {
                             let right = $set1(right);
@@ -52,8 +66,7 @@ macro_rules! kernels {
                     for (lanes, sums) in buffer.iter_mut().zip(&sums) {
                         let out = &mut lanes.0[first * LANES..(first + PASS) * LANES];
                         for v in 0..PASS {
-                            // SAFETY: vector v ends within the slice, which has PASS of them.
-                            unsafe { $store(out.as_mut_ptr().add(v * LANES), sums[v]) };
+                            store(out, v, sums[v]);
                         }
                     }
                 }
@@ -90,10 +103,7 @@ macro_rules! kernels {
                 for (j, lanes) in panel.iter().enumerate() {
                     let left: &[f32; ROWS] = lanes.0[row..].first_chunk().expect("rows of a panel");
                     let right = &right[j * stride..j * stride + V * LANES];
-                    let right: [_; V] = std::array::from_fn(|v| {
-                        // SAFETY: vector v ends within the slice, which has V of them.
-                        unsafe { $load(right.as_ptr().add(v * LANES)) }
-                    });
+                    let right: [_; V] = std::array::from_fn(|v| load(right, v));
                     for (sums, &left) in sums.iter_mut().zip(left) {
                         let left = $set1(left);
                         for v in 0..V {
@@ -104,8 +114,7 @@ macro_rules! kernels {
                 for (r, sums) in sums.iter().enumerate() {
                     if let Some(out) = out.get_mut(r * stride..r * stride + V * LANES) {
                         for v in 0..V {
-                            // SAFETY: vector v ends within the slice, which has V of them.
-                            unsafe { $store(out.as_mut_ptr().add(v * LANES), sums[v]) };
+                            store(out, v, sums[v]);
                         }
                     }
                 }
@@ -123,8 +132,7 @@ macro_rules! kernels {
                 let mut total = 0.0;
                 for sum in sums {
                     let mut lanes = [0.0; LANES];
-                    // SAFETY: the array has the length of the vector.
-                    unsafe { $store(lanes.as_mut_ptr(), sum) };
+                    store(&mut lanes, 0, sum);
                     total += lanes.iter().sum::<f32>();
                 }
                 total
@@ -138,6 +146,7 @@ macro_rules! kernels {
 kernels!(
     avx2,
     "avx2,fma",
+    __m256,
     8,
     4,
     4,
@@ -150,6 +159,7 @@ kernels!(
 kernels!(
     avx512,
     "avx512f",
+    __m512,
     16,
     12,
     8,
