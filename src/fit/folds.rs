@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::Ridge;
 use super::design::Design;
-use crate::num::linalg::{Mat, MatMut, MatRef, Reborrow, ReborrowMut, multiply, thin_qr};
+use crate::num::linalg::{Mat, MatMut, MatRef, Qr, Reborrow, ReborrowMut, multiply};
 
 /// Parts into which a single clip is cut where whole clips should be left out.
 const PARTS_OF_ONE_CLIP: usize = 4;
@@ -97,8 +97,8 @@ impl Fold {
             _ => design.u[(group[i], j - 1)],
         });
         let (basis, inside) = if poses > rank + 1 {
-            let (q, r) = thin_qr(regressors.as_ref());
-            (Some(q), r)
+            let qr = Qr::new(regressors.as_ref());
+            (Some(qr.q()), qr.r())
         } else {
             (None, regressors)
         };

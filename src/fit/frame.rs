@@ -1,11 +1,16 @@
 //! Turning a data set's coefficients from the root frame into each point's bone frame.
 
 use glam::Quat;
+use rayon::prelude::*;
 
 use super::Error;
 use crate::dataset::Training;
 use crate::num::linalg::{multiply, rows_of, rows_of_mut};
 use crate::sh::{Order, Rotation};
+
+/// Bytes of rotation matrices that are kept, at most; beyond that they are made anew for every
+/// block of points.
+const KEPT_BYTES: usize = 256 << 20;
 
 /// The inverse rotation of every (pose, bone), for coefficients of one order.
 #[derive(Debug)]
@@ -15,6 +20,9 @@ pub(super) struct BoneFrame<'a> {
     rotations: &'a [Quat],
     bones: usize,
     point_bones: &'a [u16],
+    /// `[pose, bone]`, each the bands' matrices one after another, transposed; empty where they
+    /// would take too much memory.
+    kept: Vec<f32>,
 }
 
 impl<'a> BoneFrame<'a> {
@@ -34,7 +42,16 @@ impl<'a> BoneFrame<'a> {
             let (bone, pose) = (at % bones, at / bones);
             return Err(Error::Rotation { bone, pose, found: rotations[at].to_array() });
         }
-        Ok(Some(Self { order, rotations, bones, point_bones: training.point_bones() }))
+        let point_bones = training.point_bones();
+        let mut this = Self { order, rotations, bones, point_bones, kept: Vec::new() };
+        let size = numbers_below(order.bands());
+        if rotations.len() * size * size_of::<f32>() <= KEPT_BYTES {
+            let mut kept = vec![0.0; rotations.len() * size];
+            let pairs = kept.par_chunks_exact_mut(size).zip(rotations);
+            pairs.for_each(|(out, rotation)| write_matrices(order, rotation.conjugate(), out));
+            this.kept = kept;
+        }
+        Ok(Some(this))
     }
 
     /// Turns `values` `[pose, point, channel, coefficient]` of the points from `first` on.
@@ -50,10 +67,20 @@ impl<'a> BoneFrame<'a> {
         let per_point = values.len() / (poses * points);
         let groups = self.points_by_bone(first, points);
         scratch.resize(n, points * per_point);
+        let size = numbers_below(self.order.bands());
+        let mut made = [0.0; MOST_NUMBERS];
         for (pose, values) in values.chunks_exact_mut(points * per_point).enumerate() {
             for (bone, members) in &groups {
-                let inverse = self.rotations[pose * self.bones + bone].conjugate();
-                scratch.set_matrix(self.order, inverse);
+                let pair = pose * self.bones + bone;
+                let matrices = match self.kept.get(pair * size..(pair + 1) * size) {
+                    Some(kept) => kept,
+                    None => {
+                        let inverse = self.rotations[pair].conjugate();
+                        write_matrices(self.order, inverse, &mut made[..size]);
+                        &made[..size]
+                    }
+                };
+                scratch.expand(self.order, matrices);
                 scratch.turn(values, members, per_point, n);
             }
         }
@@ -74,6 +101,33 @@ impl<'a> BoneFrame<'a> {
     }
 }
 
+/// Numbers in the matrices of all bands below the `bands`-th, Σ (2l+1)².
+fn numbers_below(bands: usize) -> usize {
+    (4 * bands.pow(3) - bands) / 3
+}
+
+/// [`numbers_below`] of the highest order, 10.
+const MOST_NUMBERS: usize = 1330;
+
+/// The rotation's matrices, band after band, each transposed: its rows are the rotation's columns.
+/// Bands do not mix, so column j of every band comes from one application to a vector that has a
+/// 1 at j in each of them.
+fn write_matrices(order: Order, rotation: Quat, out: &mut [f32]) {
+    let rotation = Rotation::new(order, rotation);
+    let n = order.coefficients();
+    let (mut ones, mut column) = ([0.0; 100], [0.0; 100]);
+    for j in 0..2 * order.bands() - 1 {
+        ones[..n].fill(0.0);
+        let bands = j.div_ceil(2)..order.bands();
+        bands.clone().for_each(|l| ones[l * l + j] = 1.0);
+        rotation.apply(&ones[..n], &mut column[..n]);
+        for l in bands {
+            let (width, start) = (2 * l + 1, numbers_below(l));
+            out[start + j * width..][..width].copy_from_slice(&column[l * l..(l + 1) * (l + 1)]);
+        }
+    }
+}
+
 /// Memory that is used again for every pose and bone.
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
@@ -91,20 +145,15 @@ impl Scratch {
         self.outputs.resize(values, 0.0);
     }
 
-    /// The rotation as a dense matrix. Bands do not mix, so column j of every band comes from one
-    /// application to a vector that has a 1 at j in each of them.
-    fn set_matrix(&mut self, order: Order, rotation: Quat) {
+    /// Writes the bands' matrices into the dense one, whose other entries stay 0.
+    fn expand(&mut self, order: Order, matrices: &[f32]) {
         let n = order.coefficients();
-        let rotation = Rotation::new(order, rotation);
-        let (mut ones, mut column) = ([0.0; 100], [0.0; 100]);
-        for j in 0..2 * order.bands() - 1 {
-            ones[..n].fill(0.0);
-            let bands = j.div_ceil(2)..order.bands();
-            bands.clone().for_each(|l| ones[l * l + j] = 1.0);
-            rotation.apply(&ones[..n], &mut column[..n]);
-            for l in bands {
-                let band = l * l..(l + 1) * (l + 1);
-                self.matrix[(l * l + j) * n..][band.clone()].copy_from_slice(&column[band]);
+        let mut rest = matrices;
+        for l in 0..order.bands() {
+            for row in l * l..(l + 1) * (l + 1) {
+                let (band, after) = rest.split_at(2 * l + 1);
+                self.matrix[row * n + l * l..][..band.len()].copy_from_slice(band);
+                rest = after;
             }
         }
     }

@@ -15,6 +15,9 @@ use crate::num::linalg::{Mat, MatRef, multiply_add, product, symmetric_eigen, th
 /// Below this smallest eigenvalue of I − H_gg the closed form divides round-off by round-off.
 const LEAST_EIGENVALUE: f64 = 1e-8;
 
+/// Folds without which principal directions are found anew, at most.
+const MOST_REFITS: usize = 64;
+
 /// α over the largest singular value: from a filter that passes everything the data resolve to
 /// one that passes a hundredth, 20 values.
 const GRID: (f64, f64, usize) = (1e-4, 1e1, 20);
@@ -44,57 +47,76 @@ struct Shares<'a> {
     gram: Mat<f64>,
 }
 
+/// The energies of one fold, one per filter.
+struct FoldEnergies {
+    poses: usize,
+    /// With the directions of all poses; empty where every fold is refitted.
+    closed: Vec<f64>,
+    /// With directions found without the fold, where it is one of those.
+    refitted: Option<Vec<f64>>,
+}
+
+/// Σ over folds, in their order; what refitting adds in some of them is scaled up to all poses.
+fn total(folds: &[FoldEnergies], filter: usize) -> f64 {
+    let (mut closed, mut added, mut sampled, mut poses) = (0.0, 0.0, 0, 0);
+    for fold in folds {
+        let own = fold.closed.get(filter).copied().unwrap_or(0.0);
+        closed += own;
+        poses += fold.poses;
+        if let Some(refitted) = &fold.refitted {
+            added += refitted[filter] - own;
+            sampled += fold.poses;
+        }
+    }
+    if sampled == 0 { closed } else { closed + added * (poses as f64 / sampled as f64) }
+}
+
 impl LeaveOut<'_> {
     /// The energy of all left-out errors, Σ over folds of ‖(I − H_gg)⁻¹ r_g‖², for each filter.
-    /// The directions that a filter drops are those of all poses, the ones left out included.
-    pub(super) fn energies(&self, filters: &[Filter]) -> Result<Vec<f64>, Error> {
+    ///
+    /// With `anew`, the principal directions that filters keep are found anew without each fold:
+    /// for every fold where these are at most [`MOST_REFITS`], else for as many of them, evenly
+    /// spread, whose mean difference to the closed form stands for all.
+    pub(super) fn energies(&self, filters: &[Filter], anew: bool) -> Result<Vec<f64>, Error> {
         let shares: Vec<Shares<'_>> = filters.iter().map(|filter| self.shares(filter)).collect();
-        self.sum_over_folds(filters.len(), |i, fold| {
-            let mut refit = None;
-            shares
-                .iter()
-                .map(|shares| match self.closed(i, fold, shares)? {
-                    Some(energy) => Ok(energy),
-                    None => {
-                        if refit.is_none() {
-                            refit = Some(Refit::new(self.design, self.folds, fold)?);
-                        }
-                        let refit = refit.as_ref().expect("made above");
-                        Ok(self.refitted(i, fold, refit, shares.filter))
-                    }
-                })
-                .collect()
-        })
-    }
-
-    /// As [`LeaveOut::energies`], with the principal directions found anew without each group.
-    pub(super) fn refitted_energies(&self, filters: &[Filter]) -> Result<Vec<f64>, Error> {
-        self.sum_over_folds(filters.len(), |i, fold| {
-            let refit = Refit::new(self.design, self.folds, fold)?;
-            Ok(filters.iter().map(|filter| self.refitted(i, fold, &refit, filter)).collect())
-        })
-    }
-
-    /// Sums, in the order of the folds, what `energies` gives for each fold and filter, and the
-    /// energy that no filter can explain.
-    fn sum_over_folds(
-        &self,
-        filters: usize,
-        energies: impl Fn(usize, &Fold) -> Result<Vec<f64>, Error> + Sync,
-    ) -> Result<Vec<f64>, Error> {
         let folds = &self.folds.folds;
-        let each: Vec<Vec<f64>> = folds
-            .par_iter()
-            .enumerate()
-            .map(|(i, fold)| energies(i, fold))
-            .collect::<Result<_, _>>()?;
-        let mut sums = vec![0.0; filters];
-        for (energies, lost) in each.iter().zip(&self.moments.lost) {
-            for (sum, energy) in sums.iter_mut().zip(energies) {
-                *sum += energy + lost.max(0.0);
+        let step = if anew { folds.len().div_ceil(MOST_REFITS) } else { usize::MAX };
+        let of_fold = |(i, fold): (usize, &Fold)| -> Result<FoldEnergies, Error> {
+            let refitted = if anew && i % step == 0 {
+                let refit = Refit::new(self.design, self.folds, fold)?;
+                Some(filters.iter().map(|f| self.refitted(i, fold, &refit, f)).collect())
+            } else {
+                None
+            };
+            let closed =
+                if step == 1 { Vec::new() } else { self.closed_or_refit(i, fold, &shares)? };
+            Ok(FoldEnergies { poses: fold.poses, closed, refitted })
+        };
+        let each: Vec<FoldEnergies> =
+            folds.par_iter().enumerate().map(of_fold).collect::<Result<_, _>>()?;
+        let lost: f64 = self.moments.lost.iter().map(|lost| lost.max(0.0)).sum();
+        Ok((0..filters.len()).map(|filter| lost + total(&each, filter)).collect())
+    }
+
+    /// The closed form for every filter, or a refit where it does not exist.
+    fn closed_or_refit(
+        &self,
+        i: usize,
+        fold: &Fold,
+        shares: &[Shares<'_>],
+    ) -> Result<Vec<f64>, Error> {
+        let mut refit = None;
+        let of = |shares: &Shares<'_>| {
+            if let Some(energy) = self.closed(i, fold, shares)? {
+                return Ok(energy);
             }
-        }
-        Ok(sums)
+            if refit.is_none() {
+                refit = Some(Refit::new(self.design, self.folds, fold)?);
+            }
+            let refit = refit.as_ref().expect("made above");
+            Ok(self.refitted(i, fold, refit, shares.filter))
+        };
+        shares.iter().map(of).collect()
     }
 
     fn shares<'f>(&self, filter: &'f Filter) -> Shares<'f> {

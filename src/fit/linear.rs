@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::design::Filter;
 use super::moments::{Absorber, Moments, Scratch};
 use super::report::Clock;
-use super::ridge::Regression;
+use super::ridge::{Regression, Unseen};
 use super::source::{Block, Source};
 use super::{Error, Fitted};
 use crate::model::Decoder;
@@ -50,7 +50,7 @@ pub(super) fn fit(
     clock.lap("leave_out_s");
     solve(&mut weights, regression, &choice.filter);
     clock.lap("solve_s");
-    let mut report = regression.report(&choice, &moments, outputs, 0.0);
+    let mut report = regression.report(&choice, &moments, outputs, Unseen::default());
     report.passes = 1;
     let training = regression.summary(r, true);
     Ok(Fitted { decoder: Decoder::Linear { mean, weights }, training, report })

@@ -21,6 +21,7 @@ mod output_basis;
 mod pca_linear;
 mod report;
 mod ridge;
+mod sketch;
 mod source;
 mod tall_qr;
 
@@ -117,8 +118,9 @@ pub struct Fitted {
 
 /// Fits one family to a training set.
 ///
-/// Memory beyond the model: about 32 MiB per thread, and for `pca-linear`
-/// 12 bytes × poses × coefficients × (output dimensions + 16, at least 112).
+/// Memory beyond the model, whatever the number of points that the data set has: about 40 MiB per
+/// thread, at most 256 MiB of bone rotations, and for `pca-linear` with k = output dimensions + 16
+/// (at least 116) 12 bytes × poses × coefficients × k and 24 bytes × points × k.
 ///
 /// # Errors
 /// Data that cannot be read or are not finite, sizes that the data do not have, an α that is no

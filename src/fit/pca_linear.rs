@@ -2,9 +2,9 @@
 //! (PRT07 §5).
 
 use super::moments::{Moments, Scratch};
-use super::output_basis::{OutputBasis, Outputs};
+use super::output_basis::{OutputBasis, Outputs, Projected};
 use super::report::Clock;
-use super::ridge::{Choice, Regression};
+use super::ridge::{Choice, Regression, Unseen};
 use super::source::Source;
 use super::{Error, Fitted};
 use crate::model::Decoder;
@@ -40,17 +40,17 @@ pub(super) fn fit(
     clock: &mut Clock,
 ) -> Result<Fitted, Error> {
     let (inputs, wanted) = dimensions(regression, sizes)?;
-    let basis = OutputBasis::find(source, wanted, seed)?;
+    let groups = regression.coarse_groups();
+    let basis = OutputBasis::find(source, wanted, &groups, seed)?;
     clock.lap("output_pca_s");
-    let t = basis.project(source)?;
+    let Projected { t, outside, optimism } = basis.project(source, &groups)?;
     clock.lap("project_s");
-    let inside: f64 = t.chunks(1024).map(|t| t.iter().map(|x| x * x).sum::<f64>()).sum();
-    let outside = (basis.energy - inside).max(0.0);
     let regressed = regress(t, regression);
     let choice = regression.choose(&regressed.moments, inputs)?;
     clock.lap("ridge_s");
     let columns = source.points() * source.width();
-    let mut report = regression.report(&choice, &regressed.moments, columns, outside);
+    let unseen = Unseen { outside, optimism };
+    let mut report = regression.report(&choice, &regressed.moments, columns, unseen);
     report.spread_rms = (basis.spread / (source.poses() * columns) as f64).sqrt();
     if basis.spread > 0.0 {
         report.output_variance_retained = regressed.moments.total / basis.spread;

@@ -35,7 +35,9 @@ pub struct FitReport {
     pub output_energy: f64,
     /// The share of the outputs' variance over the poses that lies in the basis; 1 without one.
     pub output_variance_retained: f64,
-    /// What the error on left-out poses gains, as a mean square, from a basis that has seen them.
+    /// By how much the mean square error on left-out poses would be underestimated if the output
+    /// basis were taken as known: it is found anew without each clip (or quarter), with its share
+    /// of the poses expressed in it. `alphas` include it. `None` without basis or left-out poses.
     pub basis_optimism: Option<f64>,
     /// Passes over the data.
     pub passes: usize,

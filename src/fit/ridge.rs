@@ -29,6 +29,14 @@ pub(super) struct Choice {
     pub(super) curve: Vec<(f64, f64)>,
 }
 
+/// Energy of outputs that the regression never saw because a basis does not hold them.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Unseen {
+    pub(super) outside: f64,
+    /// What `outside` gains where the basis has not seen the poses either.
+    pub(super) optimism: Option<f64>,
+}
+
 impl<'a> Regression<'a> {
     pub(super) fn new(design: &'a Design, clips: &[i32], settings: &Settings) -> Self {
         let (fixed, ridge) = match (settings.on, settings.ridge) {
@@ -65,12 +73,7 @@ impl<'a> Regression<'a> {
             return Ok(Choice { filter: Filter { alpha, inputs }, curve: Vec::new() });
         };
         let leave_out = LeaveOut { design: self.design, folds, moments };
-        let truncated = inputs < self.design.rank();
-        let energies = if truncated && folds.folds.len() <= MOST_REFITS {
-            leave_out.refitted_energies(&filters)?
-        } else {
-            leave_out.energies(&filters)?
-        };
+        let energies = leave_out.energies(&filters, inputs < self.design.rank())?;
         let best = choose(&energies);
         let curve = alphas.into_iter().zip(energies).collect();
         Ok(Choice { filter: filters[best].clone(), curve })
@@ -82,17 +85,34 @@ impl<'a> Regression<'a> {
         summary(self.design, inputs, with_directions)
     }
 
-    /// What the report says about the regression; `columns` is the number of outputs per pose,
-    /// and `outside` the energy of the outputs that the regression never saw.
+    /// For each pose the index of a group that is left out to see what a basis owes to it: what
+    /// the ridge leaves out, merged to at most [`MOST_GROUPS`] groups.
+    pub(super) fn coarse_groups(&self) -> Vec<usize> {
+        let poses = self.design.poses();
+        let mut groups = vec![0; poses];
+        if let Some(folds) = &self.folds {
+            let most = MOST_GROUPS.min(folds.folds.len());
+            for (fold, i) in folds.folds.iter().zip(0..) {
+                let group = i * most / folds.folds.len();
+                for &pose in &folds.order[fold.first_pose..fold.first_pose + fold.poses] {
+                    groups[pose] = group;
+                }
+            }
+        }
+        groups
+    }
+
+    /// What the report says about the regression; `columns` is the number of outputs per pose.
     pub(super) fn report(
         &self,
         choice: &Choice,
         moments: &Moments,
         columns: usize,
-        outside: f64,
+        unseen: Unseen,
     ) -> FitReport {
         let numbers = (self.design.poses() * columns) as f64;
-        let rms = |energy: f64| ((energy + outside).max(0.0) / numbers).sqrt();
+        let rms = |energy: f64| ((energy + unseen.outside).max(0.0) / numbers).sqrt();
+        let left_out = |energy: f64| rms(energy + unseen.optimism.unwrap_or(0.0));
         let left = choice.filter.left(&self.design.s);
         let mut notices = Vec::new();
         if self.design.rank() == 0 {
@@ -113,7 +133,7 @@ impl<'a> Regression<'a> {
         }
         FitReport {
             alpha: Some(choice.filter.alpha),
-            alphas: choice.curve.iter().map(|&(alpha, energy)| (alpha, rms(energy))).collect(),
+            alphas: choice.curve.iter().map(|&(alpha, energy)| (alpha, left_out(energy))).collect(),
             left_out: self.left_out().to_owned(),
             training_rmse: rms(moments.training_energy(self.design, &left)),
             spread_rms: rms(moments.total),
@@ -121,6 +141,7 @@ impl<'a> Regression<'a> {
             inputs: choice.filter.inputs,
             pose_spectrum: self.design.variances(),
             output_variance_retained: 1.0,
+            basis_optimism: unseen.optimism.map(|energy| energy / numbers),
             notices,
             ..FitReport::default()
         }
@@ -131,8 +152,8 @@ impl<'a> Regression<'a> {
     }
 }
 
-/// Groups beyond which the principal directions are not found anew without each of them.
-const MOST_REFITS: usize = 64;
+/// Groups of poses without which an output basis is found anew.
+const MOST_GROUPS: usize = 4;
 
 /// The cloud of training poses in the first `inputs` principal directions.
 pub(super) fn summary(design: &Design, inputs: usize, with_directions: bool) -> TrainingSummary {

@@ -10,7 +10,8 @@ use crate::dataset::Training;
 
 /// Numbers in a block, at most, where more than one point fits: small enough that a few blocks
 /// per thread are nothing beside a model, large enough that products run at full speed.
-const BLOCK_NUMBERS: usize = 1 << 21;
+/// Tests have small data, and should have many blocks too.
+const BLOCK_NUMBERS: usize = if cfg!(test) { 1 << 14 } else { 1 << 21 };
 /// Points in a block, at most.
 const BLOCK_POINTS: usize = 1 << 12;
 

@@ -144,35 +144,81 @@ pub fn symmetric_eigen(a: MatRef<'_, f64>) -> Result<(Vec<f64>, Mat<f64>), NoCon
     Ok((values, vectors))
 }
 
-/// A = QR by Householder reflections: Q rows × k with orthonormal columns even where A lacks rank,
-/// R k × columns, k = min(rows, columns).
-#[must_use]
-pub fn thin_qr(a: MatRef<'_, f64>) -> (Mat<f64>, Mat<f64>) {
-    let (rows, columns) = (a.nrows(), a.ncols());
-    let k = rows.min(columns);
-    let mut q = Mat::from_fn(rows, k, |i, j| if i == j { 1.0 } else { 0.0 });
-    if k == 0 {
-        return (q, Mat::zeros(k, columns));
+/// A = QR by Householder reflections, Q kept as these: rows × k with orthonormal columns even where
+/// A lacks rank, k = min(rows, columns).
+#[derive(Debug, Clone)]
+pub struct Qr {
+    /// R above the diagonal, reflections below.
+    factor: Mat<f64>,
+    blocks: Mat<f64>,
+}
+
+impl Qr {
+    /// Factors a finite matrix.
+    #[must_use]
+    pub fn new(a: MatRef<'_, f64>) -> Self {
+        let (rows, columns) = (a.nrows(), a.ncols());
+        let k = rows.min(columns);
+        let mut factor = a.to_owned();
+        if k == 0 {
+            return Self { factor, blocks: Mat::zeros(0, 0) };
+        }
+        let block = recommended_block_size::<f64>(rows, columns);
+        let mut blocks = Mat::zeros(block, k);
+        let spec = faer::prelude::default();
+        let mut memory =
+            MemBuffer::new(qr_in_place_scratch::<f64>(rows, columns, block, Par::Seq, spec));
+        let stack = MemStack::new(&mut memory);
+        qr_in_place(factor.as_mut(), blocks.as_mut(), Par::Seq, stack, spec);
+        Self { factor, blocks }
     }
-    let mut factor = a.to_owned();
-    let block = recommended_block_size::<f64>(rows, columns);
-    let mut householder = Mat::zeros(block, k);
-    let spec = faer::prelude::default();
-    let mut memory =
-        MemBuffer::new(qr_in_place_scratch::<f64>(rows, columns, block, Par::Seq, spec).or(
-            apply_block_householder_sequence_on_the_left_in_place_scratch::<f64>(rows, block, k),
-        ));
-    qr_in_place(factor.as_mut(), householder.as_mut(), Par::Seq, MemStack::new(&mut memory), spec);
-    apply_block_householder_sequence_on_the_left_in_place_with_conj(
-        factor.rb().subcols(0, k),
-        householder.rb(),
-        Conj::No,
-        q.rb_mut(),
-        Par::Seq,
-        MemStack::new(&mut memory),
-    );
-    let r = Mat::from_fn(k, columns, |i, j| if i <= j { factor[(i, j)] } else { 0.0 });
-    (q, r)
+
+    /// R, k × columns, upper triangular.
+    #[must_use]
+    pub fn r(&self) -> Mat<f64> {
+        let (rows, columns) = (self.factor.nrows(), self.factor.ncols());
+        let entry = |i, j| if i <= j { self.factor[(i, j)] } else { 0.0 };
+        Mat::from_fn(rows.min(columns), columns, entry)
+    }
+
+    /// Q·X for a k × n matrix X.
+    ///
+    /// # Panics
+    /// If X has not k rows.
+    #[must_use]
+    pub fn q_times(&self, x: MatRef<'_, f64>) -> Mat<f64> {
+        let (rows, columns) = (self.factor.nrows(), self.factor.ncols());
+        let k = rows.min(columns);
+        assert_eq!(x.nrows(), k, "Q has {k} columns");
+        let mut out = Mat::zeros(rows, x.ncols());
+        out.subrows_mut(0, k).copy_from(x);
+        if k == 0 || x.ncols() == 0 {
+            return out;
+        }
+        let block = self.blocks.nrows();
+        let mut memory =
+            MemBuffer::new(apply_block_householder_sequence_on_the_left_in_place_scratch::<f64>(
+                rows,
+                block,
+                x.ncols(),
+            ));
+        apply_block_householder_sequence_on_the_left_in_place_with_conj(
+            self.factor.subcols(0, k),
+            self.blocks.as_ref(),
+            Conj::No,
+            out.as_mut(),
+            Par::Seq,
+            MemStack::new(&mut memory),
+        );
+        out
+    }
+
+    /// Q, rows × k.
+    #[must_use]
+    pub fn q(&self) -> Mat<f64> {
+        let k = self.factor.nrows().min(self.factor.ncols());
+        self.q_times(Mat::identity(k, k).as_ref())
+    }
 }
 
 /// a·b.
@@ -285,7 +331,8 @@ mod tests {
     #[test]
     fn qr_keeps_orthonormality_without_rank() {
         for a in [random(50, 8, 9), random(4, 9, 10), random(20, 2, 11) * random(2, 6, 12)] {
-            let (q, r) = thin_qr(a.as_ref());
+            let qr = Qr::new(a.as_ref());
+            let (q, r) = (qr.q(), qr.r());
             assert!(largest(&(&q * &r - &a)) < 1e-12);
             assert_orthonormal(&q);
             assert!((0..r.nrows()).all(|i| (0..i.min(r.ncols())).all(|j| r[(i, j)] == 0.0)));
