@@ -85,15 +85,15 @@ pub struct PosedMesh<'a> {
 /// The signal of one pose at every point.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BakedPose {
-    /// [point, channel, coefficient], root frame, one channel.
+    /// `[point, channel, coefficient]`, root frame, one channel.
     pub coefficients: Vec<f32>,
-    /// [point] Standard error of the coefficients, pooled: the root mean square over the
+    /// `[point]` Standard error of the coefficients, pooled: the root mean square over the
     /// coefficients of each one's standard error from the independent batches (two for each block
     /// of at most 2,048 rays). With B batches each coefficient brings B − 1 degrees of freedom; the
     /// coefficients of a point are correlated, so a single point's figure from two batches scatters
     /// by tens of per cent and should be averaged (in squares) over neighbours or poses.
     pub noise: Vec<f32>,
-    /// [point] Rays traced.
+    /// `[point]` Rays traced.
     pub rays: Vec<u32>,
 }
 

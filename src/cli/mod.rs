@@ -1,6 +1,6 @@
 //! Rank 16. The command line: arguments to recipe, progress, output.
 //!
-//! Every command answers with one [`Answer`], printed as text or, with `--json`, as one JSON
+//! Every command gives one answer, printed as text or, with `--json`, as one JSON
 //! object on stdout; progress and messages go to stderr. Exit status: 0 done, 1 failed, 2 usage,
 //! 3 done but a stated target was not met, 130 stopped by a second Ctrl-C.
 
@@ -74,6 +74,7 @@ fn status(error: &anyhow::Error) -> u8 {
 
 fn start(cli: Cli) -> anyhow::Result<Answer> {
     listen();
+    log();
     let threads = usize::from(cli.threads.unwrap_or(0));
     rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
@@ -109,6 +110,17 @@ fn listen() {
     };
     // Without a handler Ctrl-C still ends the process, and what is committed stays sound.
     let _ = ctrlc::set_handler(handler);
+}
+
+/// Warnings of the stages go to stderr.
+fn log() {
+    // A second subscriber can only be one that a caller of the library has set.
+    let _ = tracing_subscriber::fmt()
+        .with_writer(std::io::stderr)
+        .with_max_level(tracing::Level::WARN)
+        .without_time()
+        .with_target(false)
+        .try_init();
 }
 
 /// A reader that closed the pipe has heard enough.

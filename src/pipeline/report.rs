@@ -153,7 +153,7 @@ fn times(dataset: &Dataset, job: &Job, figures: &Figures) -> Times {
             .map(|(name, &seconds)| Phase {
                 name: name.trim_end_matches("_s").replace('_', " "),
                 seconds,
-                pca: name.contains("basis"),
+                pca: name.contains("pca") || name.contains("svd"),
             })
             .collect(),
     }
