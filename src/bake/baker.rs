@@ -1,7 +1,6 @@
 //! Poses in, coefficients out, with all cores busy.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -30,8 +29,7 @@ pub struct Baker {
     triangles: Vec<[u32; 3]>,
     points: Points,
     plan: Plan,
-    /// Idle tracers: as many as scenes are ever built at the same time.
-    devices: Mutex<Vec<Device>>,
+    device: Device,
 }
 
 /// What a short trial says of a machine and a pose.
@@ -56,7 +54,7 @@ impl Baker {
     ///
     /// # Errors
     /// Rays or maximum distance out of range, a triangle or a point that names a vertex that does
-    /// not exist, or a vertex without a point.
+    /// not exist, a vertex without a point, or a tracer that does not start.
     pub fn new(
         triangles: &[[u32; 3]],
         points: &Points,
@@ -65,7 +63,8 @@ impl Baker {
         check(triangles, points)?;
         let plan = Plan::new(settings)?;
         let (triangles, points) = (triangles.to_vec(), points.clone());
-        Ok(Self { triangles, points, plan, devices: Mutex::new(Vec::new()) })
+        let device = Device::new().map_err(|source| Error::Tracer { source })?;
+        Ok(Self { triangles, points, plan, device })
     }
 
     /// How many points each pose has.
@@ -169,12 +168,8 @@ impl Baker {
             if cancelled.load(Ordering::Relaxed) {
                 return Err(Error::Cancelled);
             }
-            let device = self.take_device(pose)?;
             let (triangles, points) = (&self.triangles, &self.points);
-            let far = self.plan.max_distance_m;
-            let posed = Posed::new(&device, triangles, points, pose, mesh, far);
-            self.idle_devices().push(device);
-            posed
+            Posed::new(&self.device, triangles, points, pose, mesh, self.plan.max_distance_m)
         };
         let posed: Vec<Result<Posed, Error>> =
             poses.par_iter().with_max_len(1).enumerate().map(one).collect();
@@ -227,16 +222,6 @@ impl Baker {
             *noise = bake_point(&self.plan, task.posed, point, scratch, out);
         }
         Ok(())
-    }
-
-    fn take_device(&self, pose: usize) -> Result<Device, Error> {
-        let idle = self.idle_devices().pop();
-        idle.map_or_else(Device::new, Ok).map_err(|source| Error::Trace { pose, source })
-    }
-
-    fn idle_devices(&self) -> std::sync::MutexGuard<'_, Vec<Device>> {
-        // A list of idle devices is right whatever panicked while it was locked.
-        self.devices.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

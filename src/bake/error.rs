@@ -64,6 +64,12 @@ pub enum Error {
         /// Where it is.
         position: [f32; 3],
     },
+    /// The tracer did not start.
+    #[error("the tracer did not start: {source}")]
+    Tracer {
+        /// What it says.
+        source: trace::Error,
+    },
     /// The tracer failed.
     #[error("pose {pose} could not be traced: {source}")]
     Trace {

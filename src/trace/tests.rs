@@ -221,22 +221,48 @@ fn scenes_are_shared_and_self_contained() {
     });
 }
 
-/// Two threads that build on their own devices at the same time get the scenes that they would
-/// get alone, fifty times over.
+/// Two threads that build on one device at the same time get the scene that they would get alone.
 #[test]
-fn devices_build_side_by_side() {
-    let (positions, triangles) = sphere(3);
+fn threads_build_side_by_side() {
+    let (positions, triangles) = sphere(4);
     let block = Block::new(&random_directions(300, 6));
     let rays = block.rays(Vec3::new(0.9, 0.9, 0.0));
+    let device = Device::new().unwrap();
     let build = || {
-        let device = Device::new().unwrap();
         let scene = Scene::build(&device, &positions, &triangles).unwrap();
         occluded(&scene, &rays, device.width())
     };
     let expected = build();
     std::thread::scope(|scope| {
         for _ in 0..2 {
-            scope.spawn(|| (0..25).for_each(|_| assert_eq!(build(), expected)));
+            scope.spawn(|| (0..50).for_each(|_| assert_eq!(build(), expected)));
         }
     });
+}
+
+/// The library starts no thread of its own, whatever the order of devices and builds. A thread that
+/// it started would have the name of the one that it was started from.
+#[test]
+fn the_library_starts_no_thread() {
+    let (positions, triangles) = sphere(4);
+    let work = move || {
+        let devices = [(); 3].map(|()| {
+            let device = Device::new().unwrap();
+            Scene::build(&device, &positions, &triangles).unwrap();
+            device
+        });
+        drop(devices);
+        Scene::build(&Device::new().unwrap(), &positions, &triangles).unwrap();
+        threads_named("lone-builder")
+    };
+    let thread = std::thread::Builder::new().name("lone-builder".into()).spawn(work).unwrap();
+    assert!(thread.join().unwrap().is_none_or(|count| count == 1));
+}
+
+/// How many threads of this process have this name; `None` where the system does not say.
+fn threads_named(name: &str) -> Option<usize> {
+    let tasks = std::fs::read_dir("/proc/self/task").ok()?;
+    let of_task = |task: std::fs::DirEntry| std::fs::read_to_string(task.path().join("comm"));
+    let names = tasks.flatten().filter_map(|task| of_task(task).ok());
+    Some(names.filter(|comm| comm.trim() == name).count())
 }

@@ -14,16 +14,14 @@ use crate::trace::rays::Width;
 /// cores to rayon.
 const CONFIG: &std::ffi::CStr = c"threads=1,set_affinity=0";
 
-/// An instance of Embree that builds scenes in the calling thread.
-///
-/// Scenes of one device are built one after another even if several threads ask at once (the
-/// device has a single slot for build work); threads that shall build at the same time need a
-/// device each.
+/// An instance of Embree that builds each scene in the thread that asks for it; several threads
+/// may build at the same time.
 #[derive(Debug, Clone)]
 pub struct Device {
     handle: Arc<Handle>,
     widths: Vec<Width>,
     version: u32,
+    joins: bool,
 }
 
 /// Owns one reference of the library's own count.
@@ -74,7 +72,8 @@ impl Device {
         let supported = native.into_iter().filter(|&(_, name)| property(&handle, name) != 0);
         let widths = std::iter::once(Width::One).chain(supported.map(|(width, _)| width)).collect();
         let version = u32::try_from(property(&handle, Property::VERSION)).unwrap_or_default();
-        Ok(Self { handle, widths, version })
+        let joins = property(&handle, Property::JOIN_COMMIT_SUPPORTED) != 0;
+        Ok(Self { handle, widths, version, joins })
     }
 
     /// The packet widths that this machine traverses natively, narrow to wide.
@@ -94,6 +93,11 @@ impl Device {
     #[must_use]
     pub fn version(&self) -> u32 {
         self.version
+    }
+
+    /// Whether builds can be joined, see [`super::Scene::build`].
+    pub(super) fn joins(&self) -> bool {
+        self.joins
     }
 
     pub(super) fn handle(&self) -> &Arc<Handle> {

@@ -72,8 +72,7 @@ impl Scene {
         if !triangles.is_empty() {
             attach(device, raw, positions, triangles).map_err(failed)?;
         }
-        // SAFETY: the scene is live, no other thread knows of it, its geometry is committed.
-        unsafe { sys::rtcCommitScene(raw) };
+        commit(device, raw);
         match ffi::take_error() {
             None => Ok(scene),
             error => Err(failed(error)),
@@ -157,6 +156,21 @@ fn check(positions: &[Vec3], triangles: &[[u32; 3]]) -> Result<(), Error> {
         }
     }
     Ok(())
+}
+
+/// Builds in this thread.
+///
+/// Joining is what a thread does that lends itself to a build. A plain commit leaves TBB waiting
+/// for a worker; when the next device comes or goes and thereby lifts the limit on workers for a
+/// moment, one starts, and spins for the rest of the process: a core less for tracing.
+fn commit(device: &Device, scene: sys::RTCScene) {
+    if device.joins() {
+        // SAFETY: the scene is live, no other thread knows of it, its geometry is committed.
+        unsafe { sys::rtcJoinCommitScene(scene) };
+    } else {
+        // SAFETY: as above.
+        unsafe { sys::rtcCommitScene(scene) };
+    }
 }
 
 /// Copies the mesh into buffers that Embree allocates (and pads) itself, and hands the geometry
