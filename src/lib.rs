@@ -24,7 +24,7 @@
 //!
 //! *Invariant:* a module uses only modules of lower rank; `tests/tidy.rs` fails otherwise.
 //! *Invariant:* ranks 0 to 4 (feature `runtime`) know nothing of Embree, glTF, threads or files.
-//! *Invariant:* `unsafe` stands only in `trace/embree/` and `num/kernels.rs`.
+//! *Invariant:* `unsafe` stands only in `trace/embree/`, `num/kernels.rs` and `num/kernels/`.
 //! *Invariant:* equal recipe hashes give equal bytes, for any number of threads and restarts.
 
 pub mod model;
