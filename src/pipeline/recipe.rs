@@ -212,7 +212,7 @@ pub enum FrameName {
 pub enum RidgeName {
     /// Least error on poses left out one at a time.
     LeaveOneOut,
-    /// Least error on clips left out one at a time; with one clip, as `leave-one-out`.
+    /// Least error on clips left out one at a time; with one clip, on its contiguous quarters.
     LeaveOneClipOut,
     /// `alpha`.
     Fixed,
