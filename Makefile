@@ -39,7 +39,7 @@ bench: setup
 
 # The readers of foreign bytes, FUZZ_RUNS runs each.
 fuzz: setup
-	@for target in importer blob dataset; do tests/fuzz/run $$target -runs=$(FUZZ_RUNS) || exit 1; done
+	@for target in importer blob recipe dataset; do tests/fuzz/run $$target -runs=$(FUZZ_RUNS) || exit 1; done
 
 test: setup $(VENV)/ready
 	$(CARGO) fmt --check

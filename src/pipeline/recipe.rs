@@ -49,6 +49,26 @@ impl Default for Recipe {
     }
 }
 
+impl Recipe {
+    /// Reads a recipe. Its fields are checked by [`super::Checked`]; only the version is looked at
+    /// here, before all else, since fields of another version would be called unknown.
+    ///
+    /// # Errors
+    /// Text that is no JSON, another version, unknown fields, values of a wrong type.
+    pub fn from_json(bytes: &[u8]) -> Result<Self, serde_json::Error> {
+        #[derive(Deserialize)]
+        struct Document {
+            version: u32,
+        }
+        let Document { version } = serde_json::from_slice(bytes)?;
+        if version != VERSION {
+            let reason = format!("it has version {version}; this build reads version {VERSION}");
+            return Err(serde::de::Error::custom(reason));
+        }
+        serde_json::from_slice(bytes)
+    }
+}
+
 /// The scene to bake.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -272,4 +292,35 @@ pub enum PrecisionName {
     F16,
     /// 8-bit integers with a scale per column.
     I8,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fault(text: &str) -> String {
+        Recipe::from_json(text.as_bytes()).expect_err("must be refused").to_string()
+    }
+
+    /// What is written is read again; what is left out takes its default.
+    #[test]
+    fn a_recipe_survives_being_written() {
+        let recipe = Recipe::default();
+        let json = serde_json::to_vec(&recipe).expect("written");
+        assert_eq!(Recipe::from_json(&json).expect("read"), recipe);
+        assert_eq!(Recipe::from_json(br#"{"version":1}"#).expect("read"), recipe);
+    }
+
+    /// A later version is named as such, whatever fields it brings; in ours a field that does not
+    /// exist is named with those that do; and nesting beyond reason is refused, not recursed into.
+    #[test]
+    fn what_is_no_recipe_is_refused_with_the_reason() {
+        let later = fault(r#"{"version":7,"surprise":[]}"#);
+        assert_eq!(later, "it has version 7; this build reads version 1");
+        assert!(fault(r#"{"version":1,"bake":{"ray":5}}"#).contains("unknown field `ray`"));
+        assert!(fault("{}").contains("missing field `version`"));
+        assert!(fault(r#"{"version":1,"bake":{"rays":1e999}}"#).contains("out of range"));
+        let deep = format!(r#"{{"version":1,"scene":{}}}"#, "[".repeat(10_000));
+        assert!(fault(&deep).contains("recursion limit"));
+    }
 }

@@ -34,7 +34,7 @@ fn start(args: &RecipeArgs) -> anyhow::Result<Recipe> {
 
 fn read_recipe(path: &Path) -> anyhow::Result<Recipe> {
     let bytes = files::read(path, MOST_RECIPE_BYTES)?;
-    serde_json::from_slice(&bytes).with_context(|| format!("recipe {}", path.display()))
+    Recipe::from_json(&bytes).with_context(|| format!("recipe {}", path.display()))
 }
 
 /// A model is about a megabyte; the full linear one of a large mesh stays below this.
