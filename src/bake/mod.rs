@@ -21,36 +21,14 @@ mod sums;
 pub use baker::{Baker, Calibration};
 pub use error::Error;
 
+pub use crate::model::Signal;
+
 use glam::Vec3;
 
 use crate::sh::Order;
 
 /// The most rays per point that may be asked for.
 pub const MOST_RAYS: u32 = 1_000_000;
-
-/// What is baked. V(ω) is 1 where the ray escapes, n the shading normal.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Signal {
-    /// (1/π) ∫ V (n·ω)₊ dω, one number from 0 to 1.
-    Ao,
-    /// vᵢ = ∫ V yᵢ dω, with V = 0 only where n·ω ≥ 0 and a ray is blocked; below the horizon V is
-    /// 1. An unoccluded point is exactly (√4π, 0, …). (Nowrouzezahrai et al. 2009, eq. 1.)
-    Visibility,
-    /// tᵢ = (1/π) ∫ V (n·ω)₊ yᵢ dω: albedo · (t · light) is the radiance that leaves a Lambertian
-    /// surface; t₀·2√π is the ambient occlusion. (Nowrouzezahrai et al. 2007, §3.)
-    Transfer,
-}
-
-impl Signal {
-    /// Numbers per point and channel: 1 for ambient occlusion, n² else.
-    #[must_use]
-    pub fn coefficients(self, order: Order) -> usize {
-        match self {
-            Self::Ao => 1,
-            Self::Visibility | Self::Transfer => order.coefficients(),
-        }
-    }
-}
 
 /// What to bake and how well.
 #[derive(Debug, Clone, Copy, PartialEq)]

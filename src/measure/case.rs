@@ -4,32 +4,9 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::Error;
+use crate::model::Signal;
 use crate::rig::Part;
 use crate::sh::Order;
-
-/// What the coefficients mean; MATH.md §2. Wire name in kebab case.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Signal {
-    /// One number: the unoccluded fraction of the cosine-weighted hemisphere, 0..=1.
-    Ao,
-    /// SH of visibility, 1 below the horizon.
-    Visibility,
-    /// SH of visibility times clamped cosine over π.
-    Transfer,
-}
-
-impl Signal {
-    /// The wire name.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Ao => "ao",
-            Self::Visibility => "visibility",
-            Self::Transfer => "transfer",
-        }
-    }
-}
 
 /// Why a pose was kept from the fit, or not; MATH.md §7. Wire name in kebab case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]

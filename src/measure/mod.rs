@@ -24,7 +24,8 @@ mod tally;
 #[cfg(test)]
 mod tests;
 
-pub use case::{Candidate, Case, Kind, Settings, Signal, Split};
+pub use crate::model::Signal;
+pub use case::{Candidate, Case, Kind, Settings, Split};
 pub use error::Error;
 pub use lights::{Light, lights};
 pub use measured::{

@@ -77,14 +77,27 @@ named! {
 }
 
 named! {
-    /// What the numbers are, MATH.md §2.
+    /// What the numbers are. V(ω) is 1 where a ray escapes, n the shading normal.
     Signal {
-        /// Ambient occlusion: the fraction of unoccluded cosine-weighted sky, 1 number.
+        /// Ambient occlusion, (1/π) ∫ V (n·ω)₊ dω: one number from 0 to 1.
         Ao = "ao",
-        /// Visibility projected to harmonics, n² numbers.
+        /// vᵢ = ∫ V yᵢ dω, with V = 0 only where n·ω ≥ 0 and a ray is blocked; below the horizon V
+        /// is 1. An unoccluded point is exactly (√4π, 0, …). (Nowrouzezahrai et al. 2009, eq. 1.)
         Visibility = "visibility",
-        /// Diffuse transfer over π, n² numbers.
+        /// tᵢ = (1/π) ∫ V (n·ω)₊ yᵢ dω: albedo · (t · light) is the radiance that leaves a
+        /// Lambertian surface; t₀·2√π is the ambient occlusion. (Nowrouzezahrai et al. 2007, §3.)
         Transfer = "transfer",
+    }
+}
+
+impl Signal {
+    /// Numbers per point and channel: 1 for ambient occlusion, n² else.
+    #[must_use]
+    pub fn coefficients(self, order: Order) -> usize {
+        match self {
+            Self::Ao => 1,
+            Self::Visibility | Self::Transfer => order.coefficients(),
+        }
     }
 }
 

@@ -5,9 +5,8 @@ use std::collections::BTreeMap;
 use glam::Vec3;
 
 use super::{Error, Job};
-use crate::bake;
 use crate::dataset::{Attributes, Header, Layout, PartRange, PoseTable, RestMesh, Static};
-use crate::model::{self, RigHeader};
+use crate::model::RigHeader;
 use crate::pose::{PoseSet, Sample};
 use crate::rig::{self, Deformed, Pose, RigidFrame};
 
@@ -45,7 +44,7 @@ pub(super) fn header(job: &Job) -> Result<Header, Error> {
             ("scene".to_owned(), job.hashes.scene.clone()),
             ("bake".to_owned(), job.hashes.bake.clone()),
         ]),
-        signal: signal(job).name().to_owned(),
+        signal: job.checked.bake.signal.name().to_owned(),
         order: job.recipe.bake.order,
         clip_names: poses.clip_names.clone(),
         parameter_names: columns.iter().map(|column| column.name.clone()).collect(),
@@ -54,14 +53,6 @@ pub(super) fn header(job: &Job) -> Result<Header, Error> {
         lineage: Vec::new(),
     };
     Ok(Header { layout, attributes })
-}
-
-fn signal(job: &Job) -> model::Signal {
-    match job.checked.bake.signal {
-        bake::Signal::Ao => model::Signal::Ao,
-        bake::Signal::Visibility => model::Signal::Visibility,
-        bake::Signal::Transfer => model::Signal::Transfer,
-    }
 }
 
 /// What turns a tool's joint rotations into parameters and bone rotations.

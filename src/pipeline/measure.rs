@@ -9,7 +9,6 @@ use crate::dataset::{Dataset, Reference};
 use crate::measure::{Candidate, Case, Kind, Measured, Measurement, Settings};
 use crate::model::{Model, Precision};
 use crate::pose::Split;
-use crate::{measure, model};
 
 /// Candidates of one measurement: the model, the mean that it must beat, and the model at each
 /// smaller precision.
@@ -88,7 +87,7 @@ fn settings(
 ) -> Result<Settings, Error> {
     let header = model.header();
     Ok(Settings {
-        signal: signal(header.signal),
+        signal: header.signal,
         order: header.sh_order(),
         channels: usize::from(header.channels),
         vertex_of_point: dataset.mesh().vertex_of_point.clone(),
@@ -170,13 +169,5 @@ fn split(index: u8) -> Split {
         2 => Split::Interpolated,
         3 => Split::WithinClip,
         _ => Split::Training,
-    }
-}
-
-fn signal(signal: model::Signal) -> measure::Signal {
-    match signal {
-        model::Signal::Ao => measure::Signal::Ao,
-        model::Signal::Visibility => measure::Signal::Visibility,
-        model::Signal::Transfer => measure::Signal::Transfer,
     }
 }
