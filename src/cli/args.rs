@@ -4,10 +4,23 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use crate::pipeline::recipe::{
-    FamilyName, FrameName, OnName, ParametrisationName, PrecisionName, Recipe, RidgeName,
-    SignalName,
-};
+pub(crate) use super::fit_args::{FitCommandArgs, FitFlags};
+use crate::pipeline::recipe::{ParametrisationName, Recipe, SignalName};
+
+/// The recipe's names for the values of flags.
+macro_rules! names {
+    ($($flag:ident => $name:ident { $($value:ident),* })*) => {
+        $(impl From<$flag> for $name {
+            fn from(flag: $flag) -> Self {
+                match flag {
+                    $($flag::$value => Self::$value),*
+                }
+            }
+        })*
+    };
+}
+
+pub(super) use names;
 
 /// Bakes light transport of animated characters into compact, proven models.
 #[derive(Debug, Parser)]
@@ -102,8 +115,9 @@ pub(crate) struct PoseFlags {
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
-enum ParametrisationArg {
+pub(super) enum ParametrisationArg {
     JointAngles,
+    Handles,
 }
 
 #[derive(Debug, Args)]
@@ -131,68 +145,6 @@ enum SignalArg {
     Ao,
     Visibility,
     Transfer,
-}
-
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Fit")]
-pub(crate) struct FitFlags {
-    /// The model family [default: pca-linear].
-    #[arg(long, value_enum)]
-    family: Option<FamilyArg>,
-    /// Pose dimensions of pca-linear [default: 8, or as many as there are].
-    #[arg(long, value_name = "N")]
-    inputs: Option<u32>,
-    /// Output dimensions of pca-linear [default: 22, or as many as there are].
-    #[arg(long, value_name = "N")]
-    outputs: Option<u32>,
-    /// The frame in which coefficients are modelled [default: bone].
-    #[arg(long, value_enum)]
-    frame: Option<FrameArg>,
-    /// How the regularisation is chosen [default: leave-one-clip-out].
-    #[arg(long, value_enum)]
-    ridge: Option<RidgeArg>,
-    /// The regularisation, with --ridge fixed.
-    #[arg(long, value_name = "ALPHA")]
-    alpha: Option<f64>,
-    /// Motion that the model is for; `trained` compresses and does not regularise [default: novel].
-    #[arg(long, value_enum)]
-    on: Option<OnArg>,
-    /// How the model's numbers are stored [default: f32].
-    #[arg(long, value_enum)]
-    precision: Option<PrecisionArg>,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum FamilyArg {
-    Mean,
-    Linear,
-    PcaLinear,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum FrameArg {
-    Root,
-    Bone,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum RidgeArg {
-    LeaveOneOut,
-    LeaveOneClipOut,
-    Fixed,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum OnArg {
-    Novel,
-    Trained,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum PrecisionArg {
-    F32,
-    F16,
-    I8,
 }
 
 #[derive(Debug, Args)]
@@ -225,17 +177,6 @@ pub(crate) struct BakeArgs {
     pub(crate) poses: PoseFlags,
     #[command(flatten)]
     pub(crate) bake: BakeFlags,
-}
-
-#[derive(Debug, Args)]
-pub(crate) struct FitCommandArgs {
-    /// The data set.
-    pub(crate) dataset: PathBuf,
-    /// The model to write.
-    #[arg(short, long, value_name = "MODEL.safetensors")]
-    pub(crate) output: PathBuf,
-    #[command(flatten)]
-    pub(crate) fit: FitFlags,
 }
 
 #[derive(Debug, Args)]
@@ -296,7 +237,7 @@ pub(crate) struct RunArgs {
 }
 
 /// Puts a flag's value over a recipe's field where the flag was given.
-fn set<T>(field: &mut T, flag: Option<impl Into<T>>) {
+pub(super) fn set<T>(field: &mut T, flag: Option<impl Into<T>>) {
     if let Some(value) = flag {
         *field = value.into();
     }
@@ -334,23 +275,6 @@ impl BakeFlags {
     }
 }
 
-impl FitFlags {
-    /// Edits the recipe's fit, target and precision.
-    pub(crate) fn edit(&self, recipe: &mut Recipe) {
-        let fit = &mut recipe.fit;
-        set(&mut fit.family, self.family);
-        fit.inputs = self.inputs.or(fit.inputs);
-        fit.outputs = self.outputs.or(fit.outputs);
-        set(&mut fit.frame, self.frame);
-        set(&mut fit.ridge, self.ridge);
-        if self.alpha.is_some() {
-            fit.alpha = self.alpha;
-        }
-        set(&mut recipe.target.on, self.on);
-        set(&mut recipe.output.precision, self.precision);
-    }
-}
-
 impl MeasureFlags {
     /// Edits the recipe's target.
     pub(crate) fn edit(&self, recipe: &mut Recipe) {
@@ -363,25 +287,7 @@ impl MeasureFlags {
     }
 }
 
-/// The recipe's names for the values of flags.
-macro_rules! names {
-    ($($flag:ident => $name:ident { $($value:ident),* })*) => {
-        $(impl From<$flag> for $name {
-            fn from(flag: $flag) -> Self {
-                match flag {
-                    $($flag::$value => Self::$value),*
-                }
-            }
-        })*
-    };
-}
-
 names! {
     SignalArg => SignalName { Ao, Visibility, Transfer }
-    FamilyArg => FamilyName { Mean, Linear, PcaLinear }
-    FrameArg => FrameName { Root, Bone }
-    RidgeArg => RidgeName { LeaveOneOut, LeaveOneClipOut, Fixed }
-    OnArg => OnName { Novel, Trained }
-    PrecisionArg => PrecisionName { F32, F16, I8 }
-    ParametrisationArg => ParametrisationName { JointAngles }
+    ParametrisationArg => ParametrisationName { JointAngles, Handles }
 }

@@ -7,6 +7,7 @@
 mod args;
 mod commands;
 mod files;
+mod fit_args;
 mod screen;
 mod units;
 

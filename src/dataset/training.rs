@@ -72,6 +72,18 @@ impl<'a> Training<'a> {
         Self { parts, source: Source::Stored { dataset, poses } }
     }
 
+    /// The same poses in other parameters, `[pose, parameter]`, not centred.
+    ///
+    /// # Panics
+    /// If their number is not poses × names.
+    #[must_use]
+    pub fn with_parameters(mut self, parameters: Vec<f32>, names: Vec<String>) -> Self {
+        assert_eq!(parameters.len(), self.poses() * names.len(), "parameters");
+        self.parts.parameters = parameters;
+        self.parts.parameter_names = names;
+        self
+    }
+
     /// Number of training poses.
     #[must_use]
     pub fn poses(&self) -> usize {

@@ -7,7 +7,7 @@ use glam::{Affine3A, Quat, Vec3};
 use super::evaluate::check_length;
 use super::header::check_finite;
 use super::{Error, Model};
-use crate::rig::{Pose, RigidFrame, bone_rotations, root_frame};
+use crate::rig::{Pose, RigidFrame, bone_rotations, in_root, root_frame};
 
 /// One joint's local transform, as far as a tool gives it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -80,8 +80,9 @@ impl Model {
     /// # Errors
     /// [`Error::Length`] if the pose is of another skeleton, [`Error::NotFinite`].
     pub fn parameters_of_pose(&self, pose: &Pose) -> Result<Vec<f32>, Error> {
-        self.check_pose(pose)?;
-        let parameters = self.rig.angles.encode(pose);
+        let globals = self.globals(pose)?;
+        let in_root = in_root(&globals, self.root(&globals));
+        let parameters = self.rig.angles.encode(pose, &in_root);
         check_finite("parameters", &parameters)?;
         Ok(parameters)
     }

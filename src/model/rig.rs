@@ -3,7 +3,7 @@
 use glam::{Affine3A, Quat, Vec3};
 
 use super::{ColumnHeader, NodeHeader, RigHeader, SourceHeader, WeightHeader};
-use crate::rig::{Bones, Column, JointAngles, Node, Skeleton, Source, Transform};
+use crate::rig::{Bones, Column, Node, Parametrisation, Skeleton, Source, Transform};
 
 /// What turns a pose into parameters, bone rotations and the root frame.
 #[derive(Debug, Clone)]
@@ -13,7 +13,7 @@ pub(super) struct Rig {
     pub(super) root_node: Option<usize>,
     /// Only the nodes; the points' bones are the model's.
     pub(super) bones: Bones,
-    pub(super) angles: JointAngles,
+    pub(super) angles: Parametrisation,
     pub(super) default_weights: Vec<f32>,
 }
 
@@ -43,7 +43,7 @@ impl Rig {
                 nodes: header.bones.iter().map(|&node| node as usize).collect(),
                 of_point: Vec::new(),
             },
-            angles: JointAngles {
+            angles: Parametrisation {
                 columns: columns.collect(),
                 size_m: header.size_m,
                 dropped: header.dropped.clone(),
@@ -61,7 +61,7 @@ impl RigHeader {
         skeleton: &Skeleton,
         root_node: Option<usize>,
         bones: &Bones,
-        angles: &JointAngles,
+        angles: &Parametrisation,
         weight_names: &[String],
         default_weights: &[f32],
     ) -> Self {
@@ -103,6 +103,9 @@ fn source(header: &SourceHeader) -> Source {
         SourceHeader::Scale { node, axis, rest } => {
             Source::Scale { node: node as usize, axis, rest }
         }
+        SourceHeader::Point { node, axis, offset } => {
+            Source::Point { node: node as usize, axis, offset: Vec3::from_array(offset) }
+        }
         SourceHeader::Weight { slot } => Source::Weight { slot: slot as usize },
     }
 }
@@ -116,6 +119,9 @@ fn source_header(source: Source) -> SourceHeader {
             SourceHeader::Translation { node: index(node), axis, rest }
         }
         Source::Scale { node, axis, rest } => SourceHeader::Scale { node: index(node), axis, rest },
+        Source::Point { node, axis, offset } => {
+            SourceHeader::Point { node: index(node), axis, offset: offset.to_array() }
+        }
         Source::Weight { slot } => SourceHeader::Weight { slot: index(slot) },
     }
 }

@@ -62,7 +62,7 @@ pub struct ColumnHeader {
     pub source: SourceHeader,
 }
 
-/// What a pose parameter is computed from; MATH.md §4, `joint-angles`.
+/// What a pose parameter is computed from; MATH.md §4.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum SourceHeader {
@@ -92,6 +92,15 @@ pub enum SourceHeader {
         axis: u8,
         /// Without unit.
         rest: f32,
+    },
+    /// Where the point `offset` of the node is in the root frame, over `size_m`.
+    Point {
+        /// Index into `nodes`.
+        node: u32,
+        /// 0, 1, 2 for x, y, z.
+        axis: u8,
+        /// In the node's own space.
+        offset: [f32; 3],
     },
     /// A morph weight.
     Weight {
@@ -145,6 +154,10 @@ impl RigHeader {
             | SourceHeader::Scale { node, axis, rest } => {
                 self.check_axis(place, *node, *axis)?;
                 check_finite(&format!("{place}.rest"), &[*rest])
+            }
+            SourceHeader::Point { node, axis, offset } => {
+                self.check_axis(place, *node, *axis)?;
+                check_finite(&format!("{place}.offset"), offset)
             }
             SourceHeader::Weight { slot } => {
                 check_index(&format!("{place}.slot"), *slot, self.weights.len())

@@ -7,7 +7,7 @@ use super::{
     RigHeader, Signal, TrainingSummary,
 };
 use crate::num::random::Stream;
-use crate::rig::{Bones, Column, JointAngles, Node, Skeleton, Source, Transform};
+use crate::rig::{Bones, Column, Node, Parametrisation, Skeleton, Source, Transform};
 
 /// Points, vertices and parameters of every model here.
 pub(super) const POINTS: usize = 37;
@@ -43,7 +43,7 @@ pub(super) fn rig() -> RigHeader {
         source: Source::Rotation { node, axis, mean: Quat::from_xyzw(0.28, 0.0, 0.0, 0.96) },
         name: format!("{node} rotation {axis}"),
     };
-    let angles = JointAngles {
+    let angles = Parametrisation {
         columns: vec![
             rotation(2, 0),
             rotation(2, 1),

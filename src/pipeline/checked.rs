@@ -3,9 +3,11 @@
 use std::fmt::Display;
 
 use super::recipe::{
-    BakeRecipe, DEFAULT_INPUTS, DEFAULT_OUTPUTS, FamilyName, FitRecipe, FrameName, OnName,
-    PosesRecipe, PrecisionName, Recipe, RidgeName, SignalName, TargetRecipe, VERSION,
+    BakeRecipe, DEFAULT_INPUTS, DEFAULT_OUTPUTS, DEFAULT_RETAINED, FamilyName, FitRecipe,
+    FrameName, OnName, ParametrisationName, PosesRecipe, PrecisionName, Recipe, RidgeName,
+    SignalName, TargetRecipe, VERSION,
 };
+use crate::rig::ParametrisationKind;
 use crate::sh::Order;
 use crate::{bake, fit, model, pose};
 
@@ -82,6 +84,10 @@ fn checked_poses(poses: &PosesRecipe) -> Result<pose::Settings, RecipeError> {
         rate_hz: rate,
         interpolated_every: every,
         near_repeat: near,
+        parametrisation: match poses.parametrisation {
+            ParametrisationName::JointAngles => ParametrisationKind::JointAngles,
+            ParametrisationName::Handles => ParametrisationKind::Handles,
+        },
         seed: poses.seed,
     })
 }
@@ -118,9 +124,10 @@ fn checked_fit(fit: &FitRecipe, on: OnName) -> Result<fit::Settings, RecipeError
     let family = match fit.family {
         FamilyName::Mean => fit::Family::Mean,
         FamilyName::Linear => fit::Family::Linear,
-        FamilyName::PcaLinear => {
-            fit::Family::PcaLinear { inputs: inputs as usize, outputs: outputs as usize }
-        }
+        FamilyName::PcaLinear => match retaining(fit)? {
+            Some((inputs, outputs)) => fit::Family::PcaRetaining { inputs, outputs },
+            None => fit::Family::PcaLinear { inputs: inputs as usize, outputs: outputs as usize },
+        },
     };
     let ridge = match (fit.ridge, fit.alpha) {
         (RidgeName::LeaveOneOut, _) => fit::Ridge::LeaveOneOut,
@@ -144,6 +151,23 @@ fn checked_fit(fit: &FitRecipe, on: OnName) -> Result<fit::Settings, RecipeError
         OnName::Trained => fit::On::Trained,
     };
     Ok(fit::Settings { family, frame, ridge, on, seed: fit.seed })
+}
+
+/// Shares of pose variance and output energy, where sizes are given by them.
+fn retaining(fit: &FitRecipe) -> Result<Option<(f64, f64)>, RecipeError> {
+    let sides = [
+        ("fit.retain_inputs", fit.retain_inputs, fit.inputs),
+        ("fit.retain_outputs", fit.retain_outputs, fit.outputs),
+    ];
+    for (field, share, size) in sides {
+        if let Some(share) = share {
+            require(share > 0.0 && share <= 1.0, field, share, "it must be above 0 and at most 1")?;
+            require(size.is_none(), field, share, "a size is given too: leave one of them out")?;
+        }
+    }
+    let any = fit.retain_inputs.or(fit.retain_outputs).is_some();
+    let share = |side: Option<f64>| side.unwrap_or(DEFAULT_RETAINED);
+    Ok(any.then(|| (share(fit.retain_inputs), share(fit.retain_outputs))))
 }
 
 fn checked_reference(target: &TargetRecipe) -> Result<ReferenceSettings, RecipeError> {
@@ -220,6 +244,11 @@ mod tests {
         assert_eq!(fault(|r| r.poses.interpolated_every = 1), "poses.interpolated_every");
         assert_eq!(fault(|r| r.fit.inputs = Some(0)), "fit.inputs");
         assert_eq!(fault(|r| r.fit.outputs = Some(0)), "fit.outputs");
+        assert_eq!(fault(|r| r.fit.retain_inputs = Some(0.0)), "fit.retain_inputs");
+        assert_eq!(
+            fault(|r| (r.fit.outputs, r.fit.retain_outputs) = (Some(4), Some(0.9))),
+            "fit.retain_outputs"
+        );
         assert_eq!(fault(|r| r.fit.ridge = RidgeName::Fixed), "fit.alpha");
         assert_eq!(fault(|r| r.target.reference_factor = 7), "target.reference_factor");
         assert_eq!(fault(|r| r.target.reference_poses = 0), "target.reference_poses");

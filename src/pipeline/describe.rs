@@ -56,7 +56,7 @@ pub(super) fn header(job: &Job) -> Result<Header, Error> {
 }
 
 /// What turns a tool's joint rotations into parameters and bone rotations.
-fn rig_header(job: &Job) -> RigHeader {
+pub(super) fn rig_header(job: &Job) -> RigHeader {
     let PoseSet { parametrisation, bones, root_node, .. } = &job.poses;
     let mesh = &job.scene.mesh;
     RigHeader::new(

@@ -6,7 +6,7 @@ use std::time::Instant;
 use serde_json::Value;
 
 use super::recipe::Recipe;
-use super::{Checked, Error, Hashes};
+use super::{Checked, Error, Hashes, encoding};
 use crate::dataset::{Dataset, Training};
 use crate::fit::{self, FitReport, Fitted};
 use crate::model::{
@@ -41,10 +41,12 @@ pub fn fit(dataset: &Dataset, recipe: &Recipe) -> Result<FittedModel, Error> {
         settings.frame = Frame::Root;
     }
     let start = Instant::now();
-    let fitted = fit_sizes(&dataset.training()?, settings, recipe)?;
+    let (training, rig) = encoding::training(dataset, recipe)?;
+    let fitted = fit_sizes(&training, settings, recipe)?;
     let fit_s = start.elapsed().as_secs_f64();
     let Fitted { decoder, training, report } = fitted;
-    let header = header(dataset, recipe, &checked, training, (decoder.family(), settings.frame))?;
+    let kind = (decoder.family(), settings.frame);
+    let header = header(dataset, recipe, &checked, (training, rig), kind);
     let mesh = dataset.mesh();
     let bones = mesh.bone_of_point.clone();
     let model = Model::new(header, decoder, mesh.point_of_vertex.clone(), bones)?;
@@ -114,17 +116,15 @@ fn header(
     dataset: &Dataset,
     recipe: &Recipe,
     checked: &Checked,
-    training: model::TrainingSummary,
+    (training, rig): (model::TrainingSummary, RigHeader),
     (family, frame): (model::Family, Frame),
-) -> Result<Header, Error> {
+) -> Header {
     let attributes = &dataset.header().attributes;
     let layout = &dataset.header().layout;
-    let rig: RigHeader = serde_json::from_value(attributes.rig.clone())
-        .map_err(|source| Error::Json { what: "the rig in the data set".into(), source })?;
     let scene = attributes.hashes.get("scene").cloned().unwrap_or_default();
     let hashes = Hashes::of(&scene, recipe);
     let signal = model::Signal::from_name(&attributes.signal).unwrap_or(model::Signal::Transfer);
-    Ok(Header {
+    Header {
         format_version: FORMAT_VERSION,
         family,
         precision: checked.precision,
@@ -151,7 +151,7 @@ fn header(
                 ("scene".to_owned(), hashes.scene),
             ]),
         },
-    })
+    }
 }
 
 fn parts(dataset: &Dataset, rig: &RigHeader) -> Vec<PartRange> {

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::progress::{Progress, Stage, Watch};
 use super::recipe::Recipe;
-use super::{Error, fit_mean, recipe_of};
+use super::{Error, encoding, fit_mean, recipe_of};
 use crate::dataset::{Dataset, Reference};
 use crate::measure::{Candidate, Case, Kind, Measured, Measurement, Settings};
 use crate::model::{Model, Precision};
@@ -15,6 +15,9 @@ use crate::pose::Split;
 struct Candidates {
     models: Vec<Model>,
     entries: Vec<Candidate>,
+    /// Of every pose of the data set, `[pose, parameter]`: the same for all, since one recipe made
+    /// them.
+    parameters: Vec<f32>,
 }
 
 /// Measures a model on every pose that the references cover, beside the mean that `recipe` gives.
@@ -29,7 +32,7 @@ pub fn measure(
 ) -> Result<Measured, Error> {
     belongs(model, dataset)?;
     let reference = Reference::open(dataset)?;
-    let candidates = candidates(model, fit_mean(dataset, recipe)?)?;
+    let candidates = candidates(model, fit_mean(dataset, recipe)?, dataset)?;
     let mut measurement = Measurement::new(settings(model, dataset, &reference, &candidates)?)?;
     let total = reference.header().poses.len();
     let start = Instant::now();
@@ -65,7 +68,7 @@ fn belongs(model: &Model, dataset: &Dataset) -> Result<(), Error> {
     if model == dataset { Ok(()) } else { Err(Error::OtherDataset { model, dataset }) }
 }
 
-fn candidates(model: &Model, mean: Model) -> Result<Candidates, Error> {
+fn candidates(model: &Model, mean: Model, dataset: &Dataset) -> Result<Candidates, Error> {
     let entry = |name: &str, kind| Candidate { name: name.to_owned(), kind };
     let own = model.header().precision;
     let mut models = vec![model.clone(), mean];
@@ -76,7 +79,8 @@ fn candidates(model: &Model, mean: Model) -> Result<Candidates, Error> {
             entries.push(entry(precision.name(), Kind::Precision));
         }
     }
-    Ok(Candidates { models, entries })
+    let parameters = encoding::parameters(model, dataset)?;
+    Ok(Candidates { models, entries, parameters })
 }
 
 fn settings(
@@ -131,7 +135,7 @@ impl Bench {
         }
         self.normals = reference.read_normals(index)?;
         for (model, out) in candidates.models.iter().zip(&mut self.values) {
-            predict(model, dataset, self.pose, out)?;
+            predict(model, dataset, &candidates.parameters, self.pose, out)?;
         }
         Ok(())
     }
@@ -155,10 +159,16 @@ impl Bench {
 }
 
 /// A model's coefficients at a pose of the data set, root frame.
-fn predict(model: &Model, dataset: &Dataset, pose: usize, out: &mut [f32]) -> Result<(), Error> {
+fn predict(
+    model: &Model,
+    dataset: &Dataset,
+    parameters: &[f32],
+    pose: usize,
+    out: &mut [f32],
+) -> Result<(), Error> {
     let layout = &dataset.header().layout;
     let row = |width: usize| pose * width..(pose + 1) * width;
-    model.evaluate(&dataset.parameters()[row(layout.parameters)], None, out)?;
+    model.evaluate(&parameters[row(model.header().parameters())], None, out)?;
     model.to_root_frame(&dataset.bone_rotations()[row(layout.bones)], None, out)?;
     Ok(())
 }

@@ -7,6 +7,7 @@
 mod bake;
 mod checked;
 mod describe;
+mod encoding;
 mod error;
 mod figures;
 pub mod files;

@@ -124,6 +124,9 @@ pub enum ParametrisationName {
     /// Rotation vectors relative to each joint's mean rotation, with animated lengths, scales and
     /// morph weights.
     JointAngles,
+    /// Where every joint is in the root frame, and a point beside each bone (Kirk and Arikan 2007),
+    /// over the model's size; and morph weights.
+    Handles,
 }
 
 /// The signal and how finely it is sampled.
@@ -165,6 +168,9 @@ pub enum SignalName {
 /// hold 90 % of the variance of 54 joint angles).
 pub const DEFAULT_INPUTS: u32 = 8;
 
+/// Share of variance that `pca-linear` keeps where only the other side's is asked for (§5 again).
+pub const DEFAULT_RETAINED: f64 = 0.9;
+
 /// Output dimensions of `pca-linear` where none are asked for; likewise.
 pub const DEFAULT_OUTPUTS: u32 = 22;
 
@@ -180,6 +186,12 @@ pub struct FitRecipe {
     /// Output dimensions that `pca-linear` keeps, 1 to 4096. When absent 22, or as many as the data
     /// have where that is fewer.
     pub outputs: Option<u32>,
+    /// Instead of `inputs`: the share of the pose variance that `pca-linear` keeps, in (0, 1].
+    pub retain_inputs: Option<f64>,
+    /// Instead of `outputs`: the share of the signal's energy that `pca-linear` keeps, in (0, 1].
+    pub retain_outputs: Option<f64>,
+    /// How a pose becomes numbers, where it is not `poses.parametrisation`: needs no new bake.
+    pub parametrisation: Option<ParametrisationName>,
     /// The frame in which coefficients are modelled.
     pub frame: FrameName,
     /// How the regularisation is chosen.
@@ -196,6 +208,9 @@ impl Default for FitRecipe {
             family: FamilyName::PcaLinear,
             inputs: None,
             outputs: None,
+            retain_inputs: None,
+            retain_outputs: None,
+            parametrisation: None,
             frame: FrameName::Bone,
             ridge: RidgeName::LeaveOneClipOut,
             alpha: None,

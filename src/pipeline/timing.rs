@@ -3,7 +3,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use super::Error;
+use super::{Error, encoding};
 use crate::dataset::Dataset;
 use crate::model::{Model, Signal};
 
@@ -22,7 +22,8 @@ const REPETITIONS: usize = 21;
 /// Times evaluation at the data set's first pose.
 pub(super) fn evaluate(model: &Model, dataset: &Dataset) -> Result<EvaluationTimes, Error> {
     let layout = &dataset.header().layout;
-    let parameters = &dataset.parameters()[..layout.parameters];
+    let parameters = encoding::parameters(model, dataset)?;
+    let parameters = &parameters[..model.header().parameters()];
     let mut out = vec![0.0; layout.points * layout.row()];
     let all_us = median_us(|| Ok(model.evaluate(black_box(parameters), None, &mut out)?))?;
     Ok(EvaluationTimes { all_us, folded_us: folded(model, dataset, parameters)? })

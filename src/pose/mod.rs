@@ -14,7 +14,8 @@ pub use error::Error;
 pub use evaluate::evaluate;
 
 use crate::rig::{
-    self, Bones, JointAngles, Points, Pose, RigidFrame, bone_rotations, carried_weight, root_frame,
+    self, Bones, Parametrisation, ParametrisationKind, Points, Pose, RigidFrame, bone_rotations,
+    carried_weight, in_root, root_frame,
 };
 use crate::scene::{Scene, size_m};
 use schedule::{Instant, Schedule};
@@ -38,6 +39,8 @@ pub struct Settings {
     /// units of scale and weight) from an earlier pose of the same split; 0 drops none.
     /// Default 0.005, which is 0.3°.
     pub near_repeat: f32,
+    /// How a pose becomes numbers. Default joint angles.
+    pub parametrisation: ParametrisationKind,
     /// Draws the clips that are held out. Default 0.
     pub seed: u64,
 }
@@ -50,6 +53,7 @@ impl Default for Settings {
             rate_hz: 30.0,
             interpolated_every: 10,
             near_repeat: 0.005,
+            parametrisation: ParametrisationKind::JointAngles,
             seed: 0,
         }
     }
@@ -107,7 +111,7 @@ pub struct PoseSet {
     /// By clip, then by time.
     pub samples: Vec<Sample>,
     /// The map from poses to parameters.
-    pub parametrisation: JointAngles,
+    pub parametrisation: Parametrisation,
     /// `[pose, parameter]`, not centred.
     pub parameters: Vec<f32>,
     /// Which vertices are one point.
@@ -146,12 +150,26 @@ pub fn sample(scene: &Scene, settings: &Settings) -> Result<PoseSet, Error> {
     // Repeats are told apart by everything that moves anywhere, parameters by training alone.
     let everything = angles(scene, root_node, size_m, drafts.iter());
     let near_repeats = drop_repeats(&mut drafts, &everything, settings.near_repeat);
+    let rest_globals = scene.skeleton.globals(&rest.local);
+    let in_root = |pose: &Pose| {
+        let globals = scene.skeleton.globals(&pose.local);
+        in_root(&globals, root_frame(&scene.skeleton, &globals, &rest_globals, root_node))
+    };
     let training = drafts.iter().filter(|draft| draft.instant.split == Split::Training);
-    let parametrisation = angles(scene, root_node, size_m, training);
+    let parametrisation = match settings.parametrisation {
+        ParametrisationKind::JointAngles => angles(scene, root_node, size_m, training),
+        ParametrisationKind::Handles => {
+            let poses: Vec<_> = training.map(|d| (&d.pose, in_root(&d.pose))).collect();
+            let names = &scene.mesh.weight_names;
+            Parametrisation::handles(&scene.skeleton, &poses, size_m, &carries(scene), names)
+        }
+    };
     let points = Points::merge(&scene.mesh);
     let bones = Bones::dominant(&scene.mesh, &points);
-    let parameters = drafts.iter().flat_map(|draft| parametrisation.encode(&draft.pose)).collect();
-    let rest_globals = scene.skeleton.globals(&rest.local);
+    let parameters = drafts
+        .iter()
+        .flat_map(|draft| parametrisation.encode(&draft.pose, &in_root(&draft.pose)))
+        .collect();
     let samples = drafts
         .into_iter()
         .map(|draft| draft.into_sample(scene, &rest_globals, root_node, &bones))
@@ -224,7 +242,7 @@ fn angles<'a>(
     root_node: Option<usize>,
     size_m: f32,
     drafts: impl Iterator<Item = &'a Draft>,
-) -> JointAngles {
+) -> Parametrisation {
     let poses: Vec<&Pose> = drafts.map(|draft| &draft.pose).collect();
     let nodes = &scene.skeleton.nodes;
     let mut excluded = vec![false; nodes.len()];
@@ -234,16 +252,21 @@ fn angles<'a>(
         next = nodes[node].parent;
     }
     let names = &scene.mesh.weight_names;
-    let mut angles = JointAngles::from_poses(&scene.skeleton, &poses, size_m, &excluded, names);
-    let carried = carried_weight(&scene.skeleton, &scene.mesh);
-    let carries: Vec<bool> = carried.iter().map(|&weight| weight > 0.0).collect();
-    angles.retain_nodes(&carries);
+    let mut angles =
+        Parametrisation::joint_angles(&scene.skeleton, &poses, size_m, &excluded, names);
+    angles.retain_nodes(&carries(scene));
     angles
 }
 
+/// Which nodes carry a vertex, themselves or below them.
+fn carries(scene: &Scene) -> Vec<bool> {
+    let carried = carried_weight(&scene.skeleton, &scene.mesh);
+    carried.iter().map(|&weight| weight > 0.0).collect()
+}
+
 /// Removes near-repeats and counts them by clip.
-fn drop_repeats(drafts: &mut Vec<Draft>, by: &JointAngles, threshold: f32) -> Vec<NearRepeat> {
-    let rows: Vec<f32> = drafts.iter().flat_map(|draft| by.encode(&draft.pose)).collect();
+fn drop_repeats(drafts: &mut Vec<Draft>, by: &Parametrisation, threshold: f32) -> Vec<NearRepeat> {
+    let rows: Vec<f32> = drafts.iter().flat_map(|draft| by.encode(&draft.pose, &[])).collect();
     let splits: Vec<Split> = drafts.iter().map(|draft| draft.instant.split).collect();
     let keep = repeats::distinct(&rows, by.columns.len(), &splits, threshold);
     let clips = drafts.iter().map(|draft| draft.instant.clip + 1).max().unwrap_or(0);

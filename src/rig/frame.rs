@@ -22,3 +22,10 @@ impl RigidFrame {
         Affine3A::from_rotation_translation(self.rotation, self.translation).inverse()
     }
 }
+
+/// The map of every node's space to the root frame: root⁻¹ · global.
+#[must_use]
+pub fn in_root(globals: &[Affine3A], root: RigidFrame) -> Vec<Affine3A> {
+    let to_root = root.inverse();
+    globals.iter().map(|global| to_root * *global).collect()
+}

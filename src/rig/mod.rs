@@ -2,7 +2,7 @@
 //! one by the other.
 //!
 //! A frame goes [`Pose`] → [`Skeleton::globals`] → [`root_frame`] → [`deform`]; what a model needs
-//! of it is [`JointAngles::encode`] and [`bone_rotations`].
+//! of it is [`Parametrisation::encode`] and [`bone_rotations`].
 //!
 //! *Invariant:* nothing here reads files or knows of glTF; an engine can build every type by hand.
 //! *Invariant:* no function returns a number that is not finite for a finite pose.
@@ -11,17 +11,19 @@ mod angles;
 mod bones;
 mod deform;
 mod frame;
+mod handles;
 mod mesh;
+mod parametrisation;
 mod points;
 mod pose;
 mod rotation;
 mod skeleton;
 
-pub use angles::{Column, JointAngles, LEAST_DEVIATION, Source};
 pub use bones::{Bones, bone_rotations, carried_weight, root_frame, root_node};
 pub use deform::{Deformed, deform};
-pub use frame::RigidFrame;
+pub use frame::{RigidFrame, in_root};
 pub use mesh::{Deformer, Influence, Mesh, MorphTarget, Part};
+pub use parametrisation::{Column, LEAST_DEVIATION, Parametrisation, ParametrisationKind, Source};
 pub use points::Points;
 pub use pose::Pose;
 pub use rotation::{mean_rotation, nearest_rotation, rotation_vector};

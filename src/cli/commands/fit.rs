@@ -11,7 +11,7 @@ use crate::pipeline::{self, Checked, FittedModel, Watch, files};
 pub(in crate::cli) fn fit(args: &FitCommandArgs, _watch: &Watch) -> anyhow::Result<Answer> {
     let dataset = Dataset::open(&args.dataset)?;
     let mut recipe = pipeline::recipe_of(&dataset)?;
-    args.fit.edit(&mut recipe);
+    args.edit(&mut recipe);
     let checked = Checked::new(&recipe)?;
     let fitted = pipeline::fit(&dataset, &recipe)?;
     let blob = fitted.model.to_bytes(checked.precision)?;

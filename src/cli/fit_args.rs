@@ -1,0 +1,126 @@
+//! The arguments of a fit, and how they edit a recipe.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+use super::args::{ParametrisationArg, names, set};
+use crate::pipeline::recipe::{FamilyName, FrameName, OnName, PrecisionName, Recipe, RidgeName};
+
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Fit")]
+pub(crate) struct FitFlags {
+    /// The model family [default: pca-linear].
+    #[arg(long, value_enum)]
+    family: Option<FamilyArg>,
+    /// Pose dimensions of pca-linear [default: 8, or as many as there are].
+    #[arg(long, value_name = "N")]
+    inputs: Option<u32>,
+    /// Output dimensions of pca-linear [default: 22, or as many as there are].
+    #[arg(long, value_name = "N")]
+    outputs: Option<u32>,
+    /// Instead of --inputs: keep this share of the pose variance.
+    #[arg(long, value_name = "SHARE", conflicts_with = "inputs")]
+    retain_inputs: Option<f64>,
+    /// Instead of --outputs: keep this share of the signal's energy.
+    #[arg(long, value_name = "SHARE", conflicts_with = "outputs")]
+    retain_outputs: Option<f64>,
+    /// The frame in which coefficients are modelled [default: bone].
+    #[arg(long, value_enum)]
+    frame: Option<FrameArg>,
+    /// How the regularisation is chosen [default: leave-one-clip-out].
+    #[arg(long, value_enum)]
+    ridge: Option<RidgeArg>,
+    /// The regularisation, with --ridge fixed.
+    #[arg(long, value_name = "ALPHA")]
+    alpha: Option<f64>,
+    /// Motion that the model is for; `trained` compresses and does not regularise [default: novel].
+    #[arg(long, value_enum)]
+    on: Option<OnArg>,
+    /// How the model's numbers are stored [default: f32].
+    #[arg(long, value_enum)]
+    precision: Option<PrecisionArg>,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum FamilyArg {
+    Mean,
+    Linear,
+    PcaLinear,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum FrameArg {
+    Root,
+    Bone,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum RidgeArg {
+    LeaveOneOut,
+    LeaveOneClipOut,
+    Fixed,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum OnArg {
+    Novel,
+    Trained,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum PrecisionArg {
+    F32,
+    F16,
+    I8,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct FitCommandArgs {
+    /// The data set.
+    pub(crate) dataset: PathBuf,
+    /// The model to write.
+    #[arg(short, long, value_name = "MODEL.safetensors")]
+    pub(crate) output: PathBuf,
+    /// How a pose becomes numbers [default: as the data set was baked].
+    #[arg(long, value_enum)]
+    parametrisation: Option<ParametrisationArg>,
+    #[command(flatten)]
+    pub(crate) fit: FitFlags,
+}
+
+impl FitCommandArgs {
+    /// Edits the recipe of the data set.
+    pub(crate) fn edit(&self, recipe: &mut Recipe) {
+        self.fit.edit(recipe);
+        recipe.fit.parametrisation =
+            self.parametrisation.map(Into::into).or(recipe.fit.parametrisation);
+    }
+}
+
+impl FitFlags {
+    /// Edits the recipe's fit, target and precision.
+    pub(crate) fn edit(&self, recipe: &mut Recipe) {
+        let fit = &mut recipe.fit;
+        set(&mut fit.family, self.family);
+        fit.inputs = self.inputs.or(fit.inputs);
+        fit.outputs = self.outputs.or(fit.outputs);
+        fit.retain_inputs = self.retain_inputs.or(fit.retain_inputs);
+        fit.retain_outputs = self.retain_outputs.or(fit.retain_outputs);
+        set(&mut fit.frame, self.frame);
+        set(&mut fit.ridge, self.ridge);
+        if self.alpha.is_some() {
+            fit.alpha = self.alpha;
+        }
+        set(&mut recipe.target.on, self.on);
+        set(&mut recipe.output.precision, self.precision);
+    }
+}
+
+names! {
+    FamilyArg => FamilyName { Mean, Linear, PcaLinear }
+    FrameArg => FrameName { Root, Bone }
+    RidgeArg => RidgeName { LeaveOneOut, LeaveOneClipOut, Fixed }
+    OnArg => OnName { Novel, Trained }
+    PrecisionArg => PrecisionName { F32, F16, I8 }
+}

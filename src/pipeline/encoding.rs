@@ -1,0 +1,63 @@
+//! The pose parameters of a fit, where they are not those that the data set stores: another
+//! parametrisation of the same poses needs no new bake.
+
+use super::recipe::Recipe;
+use super::{Error, Job, job_of, recipe_of};
+use crate::dataset::{Dataset, Training};
+use crate::model::{Model, RigHeader};
+use crate::pose::Split;
+use crate::scene::{self, Limits};
+
+/// The training poses of a data set in the parametrisation that a recipe's fit asks for, and the
+/// rig whose columns these are.
+pub(super) fn training<'a>(
+    dataset: &'a Dataset,
+    recipe: &Recipe,
+) -> Result<(Training<'a>, RigHeader), Error> {
+    let stored = recipe_of(dataset)?.poses.parametrisation;
+    let training = dataset.training()?;
+    match recipe.fit.parametrisation {
+        Some(asked) if asked != stored => {
+            let job = job_in(dataset, recipe)?;
+            let columns = &job.poses.parametrisation.columns;
+            let names = columns.iter().map(|column| column.name.clone()).collect();
+            let rows = job.poses.parameters.chunks_exact(columns.len().max(1));
+            let of_training = job.poses.samples.iter().zip(rows);
+            let parameters = of_training
+                .filter(|(sample, _)| sample.split == Split::Training)
+                .flat_map(|(_, row)| row.iter().copied())
+                .collect();
+            Ok((training.with_parameters(parameters, names), super::describe::rig_header(&job)))
+        }
+        _ => Ok((training, stored_rig(dataset)?)),
+    }
+}
+
+/// The data set's own job, its poses encoded as the recipe's fit asks.
+fn job_in(dataset: &Dataset, recipe: &Recipe) -> Result<Job, Error> {
+    let file = dataset.path().join("source").display().to_string();
+    let scene = scene::import_sources(dataset.sources()?, &Limits::default())
+        .map_err(|source| Error::Scene { file, source })?;
+    let mut stored = recipe_of(dataset)?;
+    stored.poses.parametrisation =
+        recipe.fit.parametrisation.unwrap_or(stored.poses.parametrisation);
+    Job::new(scene, stored)
+}
+
+fn stored_rig(dataset: &Dataset) -> Result<RigHeader, Error> {
+    serde_json::from_value(dataset.header().attributes.rig.clone())
+        .map_err(|source| Error::Json { what: "the rig in the data set".into(), source })
+}
+
+/// The parameters of every pose of the data set as a model takes them, `[pose, parameter]`.
+pub(super) fn parameters(model: &Model, dataset: &Dataset) -> Result<Vec<f32>, Error> {
+    if model.header().rig.columns == stored_rig(dataset)?.columns {
+        return Ok(dataset.parameters().to_vec());
+    }
+    let job = job_of(dataset)?;
+    let mut parameters = Vec::new();
+    for sample in &job.poses.samples {
+        parameters.extend(model.parameters_of_pose(&sample.pose)?);
+    }
+    Ok(parameters)
+}
