@@ -116,12 +116,12 @@ fn model(points: usize, frame: Frame) -> Model {
         coefficients: numbers(2, WIDTH * (INPUTS + 1) * OUTPUTS),
         basis: numbers(3, points * OUTPUTS),
     };
-    // Runs of 14 points of a bone on average, as in the vertex order of a scanned character.
+    // Runs of some tens of points per bone, as along a character's surface.
     let mut stream = Stream::new(4);
     let mut bones = Vec::with_capacity(points);
     while bones.len() < points {
         let bone = (stream.uniform() * BONES as f64) as u16;
-        let run = 1 + (stream.uniform() * 27.0) as usize;
+        let run = 10 + (stream.uniform() * 100.0) as usize;
         bones.extend(std::iter::repeat_n(bone, run.min(points - bones.len())));
     }
     Model::new(header, decoder, (0..points as u32).collect(), bones).expect("a valid model")

@@ -6,7 +6,7 @@ use super::distance::Subspace;
 use super::header::{check_index, field, limits, within};
 use super::rig::Rig;
 use super::{Decoder, Error, Frame, Header, Shape, Signal};
-use crate::num::panels::{Grouped, Panels};
+use crate::num::panels::{Groups, Panels};
 
 /// A fitted model: pose parameters in, the signal at every point out.
 ///
@@ -37,14 +37,13 @@ pub(super) enum Core {
         coefficients: Panels,
         /// Rows point, inner d_out.
         basis: Panels,
-        /// The basis again by the points' bones, where the coefficients' axes turn with them: a
-        /// fold then meets one light per panel.
-        by_bone: Option<Grouped>,
+        /// Bones of the points, where the coefficients' axes turn with them.
+        groups: Option<Groups>,
     },
 }
 
 impl Core {
-    fn new(decoder: Decoder, shape: Shape, turning: Option<&[u16]>) -> Self {
+    fn new(decoder: Decoder, shape: Shape, groups: Option<Groups>) -> Self {
         let Shape { points, width, parameters, inputs, outputs } = shape;
         match decoder {
             Decoder::Mean { mean } => Self::Mean(mean),
@@ -53,18 +52,15 @@ impl Core {
                     if j == parameters { mean[row] } else { weights[row * parameters + j] }
                 }))
             }
-            Decoder::PcaLinear { projection, coefficients, basis } => {
-                let basis = Panels::new(points, outputs, |row, j| basis[row * outputs + j]);
-                Self::PcaLinear {
-                    projection,
-                    coefficients: Panels::new(outputs * width, inputs + 1, |row, k| {
-                        let (j, c) = (row / width, row % width);
-                        coefficients[(c * (inputs + 1) + k) * outputs + j]
-                    }),
-                    by_bone: turning.map(|bones| Grouped::new(&basis, bones)),
-                    basis,
-                }
-            }
+            Decoder::PcaLinear { projection, coefficients, basis } => Self::PcaLinear {
+                projection,
+                coefficients: Panels::new(outputs * width, inputs + 1, |row, k| {
+                    let (j, c) = (row / width, row % width);
+                    coefficients[(c * (inputs + 1) + k) * outputs + j]
+                }),
+                basis: Panels::new(points, outputs, |row, j| basis[row * outputs + j]),
+                groups,
+            },
         }
     }
 }
@@ -98,7 +94,8 @@ impl Model {
         };
         let subspace = Subspace::new(&header.training, projection)?;
         let turns = header.frame == Frame::Bone && header.signal != Signal::Ao;
-        let core = Arc::new(Core::new(decoder, shape, turns.then_some(&bone_of_point)));
+        let groups = turns.then(|| Groups::new(&bone_of_point));
+        let core = Arc::new(Core::new(decoder, shape, groups));
         let rig = Rig::new(&header.rig);
         Ok(Self { header, shape, core, rig, subspace, point_of_vertex, bone_of_point })
     }

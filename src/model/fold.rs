@@ -177,18 +177,18 @@ impl Model {
 
     /// The vertex basis of `pca-linear` times its folded factors: `[point, colour]`.
     fn expand(&self, factors: &[f32], colours: usize, out: &mut [f32]) {
-        let Core::PcaLinear { basis, by_bone, .. } = &*self.core else { return };
+        let Core::PcaLinear { basis, groups, .. } = &*self.core else { return };
         let isa = Isa::best();
-        let Some(by_bone) = by_bone else {
+        let Some(groups) = groups else {
             return multiply(isa, basis, factors, colours, Layout::Rows, out);
         };
         let per_colour = factors.len() / colours;
         if colours == 1 {
-            return multiply_grouped(isa, by_bone, factors, out);
+            return multiply_grouped(isa, basis, groups, factors, out);
         }
         let mut plane = vec![0.0; self.shape.points];
         for (colour, factors) in factors.chunks_exact(per_colour).enumerate() {
-            multiply_grouped(isa, by_bone, factors, &mut plane);
+            multiply_grouped(isa, basis, groups, factors, &mut plane);
             for (out, &value) in out.iter_mut().skip(colour).step_by(colours).zip(&plane) {
                 *out = value;
             }

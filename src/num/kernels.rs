@@ -13,7 +13,7 @@
 #![allow(unsafe_code, reason = "calls that need a detected instruction set")]
 
 use super::cpu::{Isa, Kind};
-use super::panels::{Grouped, Lanes, PANEL_ROWS, Panels};
+use super::panels::{Groups, Lanes, PANEL_ROWS, Panels};
 
 /// Columns that are summed over a panel before they are written out.
 const TILE: usize = 12;
@@ -121,14 +121,14 @@ macro_rules! drivers {
         }
 
         $(#[$attribute])?
-        pub(in crate::num::kernels) fn grouped(left: &Grouped, right: &[f32], out: &mut [f32]) {
+        pub(in crate::num::kernels) fn grouped(left: &Panels, groups: &Groups, right: &[f32], out: &mut [f32]) {
             let mut buffer = [Lanes::ZERO; TILE];
-            let inner = left.panels().inner();
-            for (p, rows) in left.row_of().chunks(PANEL_ROWS).enumerate() {
-                let panel = left.panels().panel(p);
-                let side = |entry: &(usize, u32)| &right[entry.0 * inner..(entry.0 + 1) * inner];
-                let mut values = Lanes::ZERO;
-                for entries in left.groups().of_panel(p).chunks(4) {
+            for (p, out) in out.chunks_mut(PANEL_ROWS).enumerate() {
+                let panel = left.panel(p);
+                let side = |entry: &(usize, u32)| {
+                    &right[entry.0 * left.inner()..(entry.0 + 1) * left.inner()]
+                };
+                for entries in groups.of_panel(p).chunks(4) {
                     // Together, so that they read the panel once and do not wait for their sums.
                     match entries {
                         [a] => among(panel, [side(a)], &mut buffer),
@@ -140,15 +140,13 @@ macro_rules! drivers {
                         [] => {}
                     }
                     for (&(_, mask), sums) in entries.iter().zip(&buffer) {
-                        if mask == u32::MAX {
-                            values = *sums;
-                        } else {
-                            crate::num::kernels::select(mask, sums, &mut values.0);
+                        // A whole panel has a length that the compiler knows.
+                        match out.first_chunk_mut::<PANEL_ROWS>() {
+                            Some(out) if mask == u32::MAX => *out = sums.0,
+                            Some(out) => crate::num::kernels::select(mask, sums, out),
+                            None => crate::num::kernels::select(mask, sums, out),
                         }
                     }
-                }
-                for (&row, &value) in rows.iter().zip(&values.0) {
-                    out[row as usize] = value;
                 }
             }
         }
@@ -203,15 +201,15 @@ pub fn multiply(
 ///
 /// # Panics
 /// If the lengths do not agree.
-pub fn multiply_grouped(isa: Isa, left: &Grouped, right: &[f32], out: &mut [f32]) {
-    let inner = left.panels().inner();
-    assert!(right.len() >= left.groups().count() * inner, "right-hand sides");
-    assert_eq!(out.len(), left.panels().rows(), "output");
-    if inner == 0 {
+pub fn multiply_grouped(isa: Isa, left: &Panels, groups: &Groups, right: &[f32], out: &mut [f32]) {
+    assert!(right.len() >= groups.count() * left.inner(), "right-hand sides");
+    assert_eq!(out.len(), left.rows(), "output");
+    assert_eq!(groups.panels(), left.rows().div_ceil(PANEL_ROWS), "groups");
+    if left.inner() == 0 {
         out.fill(0.0);
         return;
     }
-    dispatch!(isa, grouped(left, right, out));
+    dispatch!(isa, grouped(left, groups, right, out));
 }
 
 /// Nothing but multiply-adds in registers, in independent chains of `rounds` each: the machine's
@@ -258,7 +256,7 @@ fn scatter(columns: &[Lanes], stride: usize, out: &mut [f32]) {
 
 /// Writes those rows that the mask names.
 #[inline(always)]
-fn select(mask: u32, sums: &Lanes, out: &mut [f32; PANEL_ROWS]) {
+fn select(mask: u32, sums: &Lanes, out: &mut [f32]) {
     // The lanes' own bits, so that a vector compares all lanes at once.
     for (lane, (out, &sum)) in out.iter_mut().zip(&sums.0).enumerate() {
         *out = if mask & (1 << lane) != 0 { sum } else { *out };

@@ -62,51 +62,9 @@ impl Panels {
     }
 }
 
-/// A matrix whose rows take different right-hand sides by the group that they belong to; see
-/// [`multiply_grouped`](super::kernels::multiply_grouped).
-///
-/// Its panels hold the rows in order of their groups, so that nearly every panel has one group and
-/// is read for one right-hand side only; `row_of` leads back.
+/// Which rows take which of several right-hand sides; see [`multiply_grouped`](super::kernels::multiply_grouped).
 #[derive(Debug, Clone, PartialEq)]
-pub struct Grouped {
-    panels: Panels,
-    groups: Groups,
-    /// The row of the given matrix that each row of `panels` is.
-    row_of: Vec<u32>,
-}
-
-impl Grouped {
-    /// From a matrix and the group of each of its rows.
-    ///
-    /// # Panics
-    /// If there is not one group per row.
-    #[must_use]
-    pub fn new(matrix: &Panels, group_of_row: &[u16]) -> Self {
-        assert_eq!(group_of_row.len(), matrix.rows(), "one group per row");
-        let mut row_of: Vec<u32> = (0..matrix.rows() as u32).collect();
-        row_of.sort_by_key(|&row| group_of_row[row as usize]);
-        let sorted: Vec<u16> = row_of.iter().map(|&row| group_of_row[row as usize]).collect();
-        let panels =
-            Panels::new(matrix.rows(), matrix.inner(), |row, j| matrix.at(row_of[row] as usize, j));
-        Self { panels, groups: Groups::new(&sorted), row_of }
-    }
-
-    pub(super) fn panels(&self) -> &Panels {
-        &self.panels
-    }
-
-    pub(super) fn groups(&self) -> &Groups {
-        &self.groups
-    }
-
-    pub(super) fn row_of(&self) -> &[u32] {
-        &self.row_of
-    }
-}
-
-/// The groups that each panel's rows belong to.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Groups {
+pub struct Groups {
     /// `entries[starts[p]..starts[p + 1]]` are those of panel p.
     starts: Vec<usize>,
     /// A group and the rows of the panel that belong to it.
@@ -115,7 +73,9 @@ pub(super) struct Groups {
 }
 
 impl Groups {
-    fn new(group_of_row: &[u16]) -> Self {
+    /// From the group of each row.
+    #[must_use]
+    pub fn new(group_of_row: &[u16]) -> Self {
         let count = group_of_row.iter().max().map_or(0, |&group| usize::from(group) + 1);
         let mut this = Self { starts: vec![0], entries: Vec::new(), count };
         for panel in group_of_row.chunks(PANEL_ROWS) {
@@ -135,6 +95,11 @@ impl Groups {
     /// One more than the largest group.
     pub(super) fn count(&self) -> usize {
         self.count
+    }
+
+    /// How many panels it was made for.
+    pub(super) fn panels(&self) -> usize {
+        self.starts.len() - 1
     }
 
     /// The groups of a panel, each with the rows that belong to it.
@@ -163,7 +128,7 @@ mod tests {
     fn groups_partition_each_panel() {
         let group_of_row: Vec<u16> = (0..70).map(|row| (row * 7 % 5) as u16).collect();
         let groups = Groups::new(&group_of_row);
-        assert_eq!((groups.starts.len() - 1, groups.count()), (3, 5));
+        assert_eq!((groups.panels(), groups.count()), (3, 5));
         for (row, &expected) in group_of_row.iter().enumerate() {
             let of_panel = groups.of_panel(row / PANEL_ROWS);
             let holds = |mask: u32| mask >> (row % PANEL_ROWS) & 1 == 1;

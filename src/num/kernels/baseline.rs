@@ -1,6 +1,6 @@
 //! Plain loops over arrays, which the compiler vectorises for whatever the target surely has.
 
-use super::{Buffer, Grouped, Lanes, PANEL_ROWS, Panels, TILE};
+use super::{Buffer, Groups, Lanes, PANEL_ROWS, Panels, TILE};
 
 /// Columns of [`accumulate`] at most: 4 of 8 rows fill 8 of 16 registers of 4 lanes.
 const WIDEST: usize = 4;

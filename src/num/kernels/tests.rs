@@ -81,7 +81,7 @@ fn groups_agree_with_separate_products() {
     let group_of_row: Vec<u16> = (0..rows).map(|row| (row * row % groups) as u16).collect();
     for isa in Isa::available() {
         let mut out = vec![f32::NAN; rows];
-        multiply_grouped(isa, &Grouped::new(&a, &group_of_row), &sides, &mut out);
+        multiply_grouped(isa, &a, &Groups::new(&group_of_row), &sides, &mut out);
         for group in 0..groups {
             let side = &sides[group * inner..(group + 1) * inner];
             let mut expected = vec![0.0; rows];

@@ -11,7 +11,7 @@ macro_rules! kernels {
         pub(super) mod $module {
             use std::arch::x86_64::{$fmadd, $load, $set1, $store, $vector};
 
-            use super::super::{Buffer, Grouped, Lanes, PANEL_ROWS, Panels, TILE};
+            use super::super::{Buffer, Groups, Lanes, PANEL_ROWS, Panels, TILE};
 
             const LANES: usize = $lanes;
             const WIDEST: usize = $widest;
