@@ -7,7 +7,8 @@ use std::process::Command;
 
 use poselight::model::{
     ColumnHeader, Decoder, FORMAT_VERSION, Family, Frame, Header, MeshIdentity, Model, NodeHeader,
-    Precision, Provenance, RigHeader, Signal, SourceHeader, TrainingSummary, WeightHeader,
+    Precision, Provenance, RigHeader, RootMotionHeader, Signal, SourceHeader, TrainingSummary,
+    WeightHeader,
 };
 use poselight::num::random::Stream;
 
@@ -70,6 +71,7 @@ fn rig() -> RigHeader {
         columns: columns.collect(),
         size_m: 1.0,
         dropped: Vec::new(),
+        root_motion: RootMotionHeader::Rigid,
     }
 }
 

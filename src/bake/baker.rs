@@ -10,8 +10,9 @@ use crate::trace::Device;
 
 use super::kernel::{Scratch, bake_point};
 use super::plan::Plan;
-use super::posed::Posed;
-use super::{BakedPose, Error, PosedMesh, Settings};
+use super::posed::{Posed, Stage};
+use super::surroundings::{NO_POINT, Surroundings, Trees};
+use super::{BakedPose, Error, PosedMesh, Settings, Signal};
 
 /// Rays per task: a few milliseconds, so that cores end together and cancelling is prompt.
 const RAYS_PER_TASK: usize = 1 << 14;
@@ -26,10 +27,8 @@ const SCENE_BYTES_PER_TRIANGLE: u64 = 400;
 /// Bakes poses of one mesh.
 #[derive(Debug)]
 pub struct Baker {
-    triangles: Vec<[u32; 3]>,
-    points: Points,
+    stage: Stage,
     plan: Plan,
-    device: Device,
 }
 
 /// What a short trial says of a machine and a pose.
@@ -62,15 +61,36 @@ impl Baker {
     ) -> Result<Self, Error> {
         check(triangles, points)?;
         let plan = Plan::new(settings)?;
-        let (triangles, points) = (triangles.to_vec(), points.clone());
         let device = Device::new().map_err(|source| Error::Tracer { source })?;
-        Ok(Self { triangles, points, plan, device })
+        let stage = Stage {
+            device,
+            triangles: triangles.to_vec(),
+            points: points.clone(),
+            trees: Trees::one(triangles),
+            surroundings: Surroundings::default(),
+            max_distance_m: plan.max_distance_m,
+        };
+        Ok(Self { stage, plan })
+    }
+
+    /// The same within surroundings.
+    ///
+    /// # Errors
+    /// Lengths out of range, a fall-off of another signal or without a maximum distance, a view
+    /// of points that do not exist.
+    pub fn within(mut self, surroundings: Surroundings) -> Result<Self, Error> {
+        surroundings.check(self.plan.max_distance_m, self.plan.signal == Signal::Ao)?;
+        let Stage { triangles, points, .. } = &self.stage;
+        self.stage.trees = Trees::new(triangles, points, &surroundings.views)?;
+        self.plan.falloff = surroundings.falloff;
+        self.stage.surroundings = surroundings;
+        Ok(self)
     }
 
     /// How many points each pose has.
     #[must_use]
     pub fn points(&self) -> usize {
-        self.points.vertex.len()
+        self.stage.points.vertex.len()
     }
 
     /// How many rays each point of each pose gets.
@@ -104,9 +124,9 @@ impl Baker {
     #[must_use]
     pub fn memory_bytes(&self, poses: usize, threads: usize) -> u64 {
         let points = self.points() as u64;
-        let vertices = self.points.of_vertex.len() as u64;
+        let vertices = self.stage.points.of_vertex.len() as u64;
         let coefficients = self.plan.coefficients as u64;
-        let triangles = self.triangles.len() as u64;
+        let triangles = self.stage.trees.count() as u64;
         let in_flight = poses.min(self.poses_per_wave(threads)) as u64;
         let per_pose = triangles * SCENE_BYTES_PER_TRIANGLE + 24 * vertices + 44 * points;
         let result = poses as u64 * points * 4 * (coefficients + 2);
@@ -168,8 +188,7 @@ impl Baker {
             if cancelled.load(Ordering::Relaxed) {
                 return Err(Error::Cancelled);
             }
-            let (triangles, points) = (&self.triangles, &self.points);
-            Posed::new(&self.device, triangles, points, pose, mesh, self.plan.max_distance_m)
+            Posed::new(&self.stage, pose, mesh)
         };
         let posed: Vec<Result<Posed, Error>> =
             poses.par_iter().with_max_len(1).enumerate().map(one).collect();
@@ -237,7 +256,10 @@ fn check(triangles: &[[u32; 3]], points: &Points) -> Result<(), Error> {
         ("point of vertex", &points.of_vertex, points.vertex.len()),
     ];
     for (map, values, limit) in maps {
-        if let Some(key) = values.iter().position(|&value| value as usize >= limit) {
+        // Occluders are vertices without a point.
+        let none = |value: u32| map == "point of vertex" && value == NO_POINT;
+        let wrong = |&value: &u32| value as usize >= limit && !none(value);
+        if let Some(key) = values.iter().position(wrong) {
             return Err(Error::Points { map, key, value: values[key], limit });
         }
     }

@@ -17,6 +17,35 @@ pub enum Error {
         /// What was asked for.
         found: f32,
     },
+    /// The minimum distance is no length below the maximum distance.
+    #[error("a minimum distance of {found} m leaves nothing to block below {most} m")]
+    MinDistance {
+        /// What was asked for.
+        found: f32,
+        /// The maximum distance.
+        most: f32,
+    },
+    /// The ground has no height.
+    #[error("ground at {found} m is nowhere; give a finite height")]
+    Ground {
+        /// What was asked for.
+        found: f32,
+    },
+    /// The exponent of the fall-off is not a positive number.
+    #[error("a fall-off of {found} is no exponent; choose a positive number, such as 1 or 2")]
+    Falloff {
+        /// What was asked for.
+        found: f32,
+    },
+    /// A fall-off without what it needs.
+    #[error("a fall-off needs the signal ao and a maximum distance over which to fall")]
+    FalloffOf,
+    /// More views than trees can be numbered.
+    #[error("{found} groups of meshes that see differently are more than 255")]
+    Views {
+        /// How many.
+        found: usize,
+    },
     /// A triangle names a vertex that does not exist.
     #[error("triangle {triangle} names vertex {vertex}, but there are {vertices} vertices")]
     Triangle {

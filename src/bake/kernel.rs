@@ -9,10 +9,10 @@ use crate::num::random::{hash, unit};
 use crate::sh::{MAX_COEFFICIENTS, Rotation};
 use crate::trace::{Rays, words_of};
 
-use super::Signal;
 use super::plan::Plan;
 use super::posed::Posed;
 use super::sums::{LANES, list_bits};
+use super::{Signal, falloff, ground};
 
 /// Room for [`MAX_COEFFICIENTS`] in whole lanes.
 const ROOM: usize = MAX_COEFFICIENTS.next_multiple_of(LANES);
@@ -89,10 +89,18 @@ fn trace_block(
     let frame = frame(posed.normals[point], PI * unit(bits << 32));
     turn(&Mat3::from_quat(frame), &set, &mut scratch.turned);
     let [x, y, z] = &scratch.turned;
-    let rays = Rays { origin: posed.origins[point], x, y, z, near: 0.0, far: posed.far };
-    posed.scene.occluded(&rays, &mut scratch.blocked);
+    let rays = Rays { origin: posed.origins[point], x, y, z, near: posed.near, far: posed.far };
     let count = plan.coefficients;
     let out = &mut scratch.blocks[block * count..(block + 1) * count];
+    if let Some(exponent) = plan.falloff {
+        let [first, second] = falloff::shares(posed, point, &rays, &set, exponent);
+        out[0] = ((first + second) / 2.0) as f32;
+        return ((first - second) / 2.0).powi(2);
+    }
+    posed.scene(point).occluded(&rays, &mut scratch.blocked);
+    if let Some(heights) = &posed.heights {
+        ground::block(&rays, heights[point], &mut scratch.blocked);
+    }
     if plan.signal == Signal::Ao {
         let [first, second] = shares(&scratch.blocked, &set);
         out[0] = ((first + second) / 2.0) as f32;

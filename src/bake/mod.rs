@@ -13,13 +13,17 @@
 
 mod baker;
 mod error;
+mod falloff;
+mod ground;
 mod kernel;
 mod plan;
 mod posed;
 mod sums;
+mod surroundings;
 
 pub use baker::{Baker, Calibration};
 pub use error::Error;
+pub use surroundings::{NO_POINT, Surroundings, View};
 
 pub use crate::model::Signal;
 

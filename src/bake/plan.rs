@@ -31,6 +31,8 @@ pub(super) struct Plan {
     pub(super) blocks: usize,
     /// Metres; infinite where there is no limit.
     pub(super) max_distance_m: f32,
+    /// Exponent of ambient occlusion's fall-off.
+    pub(super) falloff: Option<f32>,
     pub(super) seed: u64,
     pub(super) directions: Directions,
     /// Per set, the rows yᵢ(ω) of its directions in the set's frame, scaled so that the sum over
@@ -71,6 +73,7 @@ impl Plan {
             coefficients,
             blocks,
             max_distance_m: max_distance_m.unwrap_or(f32::INFINITY),
+            falloff: None,
             seed,
             directions,
             rows,

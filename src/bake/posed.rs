@@ -4,11 +4,14 @@
 //! tracer meets the same numbers at every scale and place. What the original coordinates could not
 //! resolve stays lost, and the ray's offset knows it.
 
+use std::sync::Arc;
+
 use glam::Vec3;
 
 use crate::rig::Points;
 use crate::trace;
 
+use super::surroundings::{NO_POINT, Surroundings, Trees};
 use super::{Error, PosedMesh};
 
 /// The offset in mean lengths of the adjoining edges: a thousand times what single precision loses
@@ -22,15 +25,33 @@ const OFFSET_IN_SPACINGS: f32 = 8.0;
 /// One pose ready for tracing; lengths in the scaled space.
 #[derive(Debug)]
 pub(super) struct Posed {
-    pub(super) scene: trace::Scene,
+    scenes: Vec<trace::Scene>,
+    /// Point → scene; empty where there is only one.
+    scene_of_point: Arc<[u8]>,
     /// Where a point's rays start.
     pub(super) origins: Vec<Vec3>,
     /// Unit shading normals.
     pub(super) normals: Vec<Vec3>,
+    /// How high each point is over the ground, where there is one.
+    pub(super) heights: Option<Vec<f32>>,
+    /// Nearer than this nothing blocks.
+    pub(super) near: f32,
     /// Beyond this nothing blocks.
     pub(super) far: f32,
     pub(super) clip_key: u64,
     pub(super) time_bits: u32,
+}
+
+/// What is the same in all poses.
+#[derive(Debug)]
+pub(super) struct Stage {
+    pub(super) device: trace::Device,
+    pub(super) triangles: Vec<[u32; 3]>,
+    pub(super) points: Points,
+    pub(super) trees: Trees,
+    pub(super) surroundings: Surroundings,
+    /// Metres; infinite where there is no limit.
+    pub(super) max_distance_m: f32,
 }
 
 /// What the triangles around a point say of it.
@@ -44,20 +65,17 @@ struct Surroundings {
 
 impl Posed {
     /// Checks, scales, and builds the scene in the calling thread.
-    pub(super) fn new(
-        device: &trace::Device,
-        triangles: &[[u32; 3]],
-        points: &Points,
-        pose: usize,
-        mesh: &PosedMesh<'_>,
-        max_distance_m: f32,
-    ) -> Result<Self, Error> {
+    pub(super) fn new(stage: &Stage, pose: usize, mesh: &PosedMesh<'_>) -> Result<Self, Error> {
+        let points = &stage.points;
         check(pose, mesh, points.of_vertex.len())?;
         let space = Space::around(mesh.positions);
         let positions: Vec<Vec3> = mesh.positions.iter().map(|&p| space.enter(p)).collect();
-        let scene = trace::Scene::build(device, &positions, triangles)
-            .map_err(|source| Error::Trace { pose, source })?;
-        let around = surroundings(triangles, points, &positions);
+        let build = |triangles: &Vec<[u32; 3]>| {
+            trace::Scene::build(&stage.device, &positions, triangles)
+                .map_err(|source| Error::Trace { pose, source })
+        };
+        let scenes = stage.trees.triangles.iter().map(build).collect::<Result<_, _>>()?;
+        let around = surroundings(&stage.triangles, points, &positions);
         let normals: Vec<Vec3> = points
             .vertex
             .iter()
@@ -70,14 +88,30 @@ impl Posed {
             positions[vertex] + around.offset(normal, spacing)
         };
         let origins = points.vertex.iter().zip(&around).zip(&normals).map(origin).collect();
+        let height =
+            |ground: f32, vertex: u32| (mesh.positions[vertex as usize].y - ground) * space.scale;
+        let heights = |ground| points.vertex.iter().map(|&v| height(ground, v)).collect();
         Ok(Self {
-            scene,
+            scenes,
+            scene_of_point: Arc::clone(&stage.trees.of_point),
             origins,
             normals,
-            far: max_distance_m * space.scale,
+            heights: stage.surroundings.ground_m.map(heights),
+            near: stage.surroundings.min_distance_m * space.scale,
+            far: stage.max_distance_m * space.scale,
             clip_key: mesh.clip_key,
             time_bits: mesh.time_s.to_bits(),
         })
+    }
+}
+
+impl Posed {
+    /// What a point's rays may meet.
+    pub(super) fn scene(&self, point: usize) -> &trace::Scene {
+        match self.scene_of_point.get(point) {
+            Some(&scene) => &self.scenes[usize::from(scene)],
+            None => &self.scenes[0],
+        }
     }
 }
 
@@ -132,7 +166,11 @@ fn surroundings(triangles: &[[u32; 3]], points: &Points, positions: &[Vec3]) -> 
         let normal = (b - a).cross(c - a);
         let [ab, bc, ca] = [b - a, c - b, a - c].map(Vec3::length);
         for (corner, edge_sum) in corners.iter().zip([ab + ca, ab + bc, bc + ca]) {
-            let here = &mut around[points.of_vertex[*corner as usize] as usize];
+            let point = points.of_vertex[*corner as usize];
+            if point == NO_POINT {
+                continue;
+            }
+            let here = &mut around[point as usize];
             here.normal += normal;
             here.edge_sum += edge_sum;
             here.edges += 2;

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub(crate) use super::fit_args::{FitCommandArgs, FitFlags};
+use super::surroundings::SurroundingsFlags;
 use crate::pipeline::recipe::{ParametrisationName, Recipe, SignalName};
 
 /// The recipe's names for the values of flags.
@@ -138,6 +139,8 @@ pub(crate) struct BakeFlags {
     /// Seed of every random choice [default: 1].
     #[arg(long, value_name = "SEED")]
     seed: Option<u64>,
+    #[command(flatten)]
+    surroundings: SurroundingsFlags,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -272,6 +275,7 @@ impl BakeFlags {
         if self.max_distance.is_some() {
             bake.max_distance_m = self.max_distance;
         }
+        self.surroundings.edit(&mut bake.surroundings);
     }
 }
 

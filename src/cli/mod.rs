@@ -9,6 +9,7 @@ mod commands;
 mod files;
 mod fit_args;
 mod screen;
+mod surroundings;
 mod units;
 
 use std::io::Write;

@@ -33,7 +33,9 @@ pub use header::{
     TrainingSummary, limits,
 };
 pub use pose::{JointPose, JointTransform};
-pub use rig_header::{ColumnHeader, NodeHeader, RigHeader, SourceHeader, WeightHeader};
+pub use rig_header::{
+    ColumnHeader, NodeHeader, RigHeader, RootMotionHeader, SourceHeader, WeightHeader,
+};
 
 #[cfg(test)]
 mod tests;

@@ -6,8 +6,9 @@ use glam::{Affine3A, Quat, Vec3};
 
 use super::evaluate::check_length;
 use super::header::check_finite;
+use super::rig::Rig;
 use super::{Error, Model};
-use crate::rig::{Pose, RigidFrame, bone_rotations, in_root, root_frame};
+use crate::rig::{Pose, RigidFrame, bone_rotations, in_root};
 
 /// One joint's local transform, as far as a tool gives it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -113,7 +114,8 @@ impl Model {
     }
 
     fn root(&self, globals: &[Affine3A]) -> RigidFrame {
-        root_frame(&self.rig.skeleton, globals, &self.rig.rest_globals, self.rig.root_node)
+        let Rig { skeleton, rest_globals, root_node, root_motion, .. } = &self.rig;
+        root_motion.frame(skeleton, globals, rest_globals, *root_node)
     }
 
     fn check_pose(&self, pose: &Pose) -> Result<(), Error> {

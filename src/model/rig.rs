@@ -2,8 +2,8 @@
 
 use glam::{Affine3A, Quat, Vec3};
 
-use super::{ColumnHeader, NodeHeader, RigHeader, SourceHeader, WeightHeader};
-use crate::rig::{Bones, Column, Node, Parametrisation, Skeleton, Source, Transform};
+use super::{ColumnHeader, NodeHeader, RigHeader, RootMotionHeader, SourceHeader, WeightHeader};
+use crate::rig::{Bones, Column, Node, Parametrisation, RootMotion, Skeleton, Source, Transform};
 
 /// What turns a pose into parameters, bone rotations and the root frame.
 #[derive(Debug, Clone)]
@@ -11,6 +11,7 @@ pub(super) struct Rig {
     pub(super) skeleton: Skeleton,
     pub(super) rest_globals: Vec<Affine3A>,
     pub(super) root_node: Option<usize>,
+    pub(super) root_motion: RootMotion,
     /// Only the nodes; the points' bones are the model's.
     pub(super) bones: Bones,
     pub(super) angles: Parametrisation,
@@ -39,6 +40,10 @@ impl Rig {
             rest_globals: skeleton.globals(&rest),
             skeleton,
             root_node: header.root_node.map(|node| node as usize),
+            root_motion: match header.root_motion {
+                RootMotionHeader::Rigid => RootMotion::Rigid,
+                RootMotionHeader::Upright => RootMotion::Upright,
+            },
             bones: Bones {
                 nodes: header.bones.iter().map(|&node| node as usize).collect(),
                 of_point: Vec::new(),
@@ -59,7 +64,7 @@ impl RigHeader {
     #[must_use]
     pub fn new(
         skeleton: &Skeleton,
-        root_node: Option<usize>,
+        (root_node, root_motion): (Option<usize>, RootMotion),
         bones: &Bones,
         angles: &Parametrisation,
         weight_names: &[String],
@@ -88,6 +93,11 @@ impl RigHeader {
             columns: columns.collect(),
             size_m: angles.size_m,
             dropped: angles.dropped.clone(),
+            root_motion: match root_motion {
+                // Fixed is to have no root node.
+                RootMotion::Rigid | RootMotion::Fixed => RootMotionHeader::Rigid,
+                RootMotion::Upright => RootMotionHeader::Upright,
+            },
         }
     }
 }
@@ -106,6 +116,10 @@ fn source(header: &SourceHeader) -> Source {
         SourceHeader::Point { node, axis, offset } => {
             Source::Point { node: node as usize, axis, offset: Vec3::from_array(offset) }
         }
+        SourceHeader::Tilt { node, axis, rest } => {
+            Source::Tilt { node: node as usize, axis, rest: Quat::from_array(rest) }
+        }
+        SourceHeader::Height { node, rest } => Source::Height { node: node as usize, rest },
         SourceHeader::Weight { slot } => Source::Weight { slot: slot as usize },
     }
 }
@@ -122,6 +136,10 @@ fn source_header(source: Source) -> SourceHeader {
         Source::Point { node, axis, offset } => {
             SourceHeader::Point { node: index(node), axis, offset: offset.to_array() }
         }
+        Source::Tilt { node, axis, rest } => {
+            SourceHeader::Tilt { node: index(node), axis, rest: rest.to_array() }
+        }
+        Source::Height { node, rest } => SourceHeader::Height { node: index(node), rest },
         Source::Weight { slot } => SourceHeader::Weight { slot: index(slot) },
     }
 }

@@ -24,6 +24,27 @@ pub struct RigHeader {
     pub size_m: f32,
     /// Degrees of freedom without variance in training, which have no column.
     pub dropped: Vec<String>,
+    /// How much of the root node's motion the root frame takes out; not written where it is all.
+    #[serde(default, skip_serializing_if = "RootMotionHeader::is_rigid")]
+    pub root_motion: RootMotionHeader,
+}
+
+/// What of the root node's motion since rest is removed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RootMotionHeader {
+    /// All of it: nothing but the character occludes.
+    #[default]
+    Rigid,
+    /// The turn about +Y and the motion in the plane: there is level ground.
+    Upright,
+}
+
+impl RootMotionHeader {
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+    fn is_rigid(&self) -> bool {
+        *self == Self::Rigid
+    }
 }
 
 /// One node at rest.
@@ -102,6 +123,23 @@ pub enum SourceHeader {
         /// In the node's own space.
         offset: [f32; 3],
     },
+    /// Component `axis` of the rotation vector of q·rest⁻¹, radians: q is the node's rotation in the
+    /// root frame.
+    Tilt {
+        /// Index into `nodes`.
+        node: u32,
+        /// 0, 1, 2 for x, y, z.
+        axis: u8,
+        /// Unit quaternion x, y, z, w.
+        rest: [f32; 4],
+    },
+    /// (height of the node in the root frame − `rest`) / `size_m`.
+    Height {
+        /// Index into `nodes`.
+        node: u32,
+        /// Metres.
+        rest: f32,
+    },
     /// A morph weight.
     Weight {
         /// Index into `weights`.
@@ -158,6 +196,14 @@ impl RigHeader {
             SourceHeader::Point { node, axis, offset } => {
                 self.check_axis(place, *node, *axis)?;
                 check_finite(&format!("{place}.offset"), offset)
+            }
+            SourceHeader::Tilt { node, axis, rest } => {
+                self.check_axis(place, *node, *axis)?;
+                check_unit(&format!("{place}.rest"), *rest)
+            }
+            SourceHeader::Height { node, rest } => {
+                check_index(&format!("{place}.node"), *node, self.nodes.len())?;
+                check_finite(&format!("{place}.rest"), &[*rest])
             }
             SourceHeader::Weight { slot } => {
                 check_index(&format!("{place}.slot"), *slot, self.weights.len())

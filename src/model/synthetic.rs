@@ -7,7 +7,7 @@ use super::{
     RigHeader, Signal, TrainingSummary,
 };
 use crate::num::random::Stream;
-use crate::rig::{Bones, Column, Node, Parametrisation, Skeleton, Source, Transform};
+use crate::rig::{Bones, Column, Node, Parametrisation, RootMotion, Skeleton, Source, Transform};
 
 /// Points, vertices and parameters of every model here.
 pub(super) const POINTS: usize = 37;
@@ -62,7 +62,14 @@ pub(super) fn rig() -> RigHeader {
         dropped: vec!["Head rotation".to_owned()],
     };
     let bones = Bones { nodes: vec![1, 2, 3], of_point: Vec::new() };
-    RigHeader::new(&skeleton, Some(1), &bones, &angles, &["Body/smile".to_owned()], &[0.25])
+    RigHeader::new(
+        &skeleton,
+        (Some(1), RootMotion::Rigid),
+        &bones,
+        &angles,
+        &["Body/smile".to_owned()],
+        &[0.25],
+    )
 }
 
 pub(super) fn header(family: Family, signal: Signal, frame: Frame, channels: u8) -> Header {

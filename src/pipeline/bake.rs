@@ -37,7 +37,7 @@ pub fn bake(job: &Job, path: &Path, watch: &Watch) -> Result<Baked, Error> {
     let mut writer = Writer::open(path, &header, &describe::tables(job))?;
     let missing = writer.missing_blocks();
     let layout = *writer.layout();
-    let baker = Baker::new(&job.scene.mesh.triangles, &job.poses.points, &job.checked.bake)?;
+    let baker = job.baker(&job.checked.bake)?;
     let mut tally = Tally::new(&layout, &missing);
     tally.tell(watch);
 
@@ -106,7 +106,7 @@ pub(super) fn bake_poses(
     poses: &[usize],
     watch: &Watch,
 ) -> Result<Vec<BakedPose>, Error> {
-    let deformed: Vec<Deformed> = poses.par_iter().map(|&pose| job.deformed(pose)).collect();
+    let deformed: Vec<Deformed> = poses.par_iter().map(|&pose| job.traced(pose)).collect();
     let meshes: Vec<PosedMesh> =
         poses.iter().zip(&deformed).map(|(&pose, mesh)| posed(job, pose, mesh)).collect();
     Ok(baker.bake(&meshes, watch.cancelled)?)

@@ -2,6 +2,7 @@
 
 use std::fmt::Display;
 
+use super::recipe::surroundings::GroundRecipe;
 use super::recipe::{
     BakeRecipe, DEFAULT_INPUTS, DEFAULT_OUTPUTS, DEFAULT_RETAINED, FamilyName, FitRecipe,
     FrameName, OnName, ParametrisationName, PosesRecipe, PrecisionName, Recipe, RidgeName,
@@ -89,6 +90,7 @@ fn checked_poses(poses: &PosesRecipe) -> Result<pose::Settings, RecipeError> {
             ParametrisationName::Handles => ParametrisationKind::Handles,
         },
         seed: poses.seed,
+        root_motion: pose::RootMotion::Rigid,
     })
 }
 
@@ -101,6 +103,7 @@ fn checked_bake(recipe: &BakeRecipe) -> Result<bake::Settings, RecipeError> {
         let sound = distance.is_finite() && distance > 0.0;
         require(sound, "bake.max_distance_m", distance, "it must be a positive number of metres")?;
     }
+    checked_surroundings(recipe)?;
     let signal = match recipe.signal {
         SignalName::Ao => bake::Signal::Ao,
         SignalName::Visibility => bake::Signal::Visibility,
@@ -113,6 +116,28 @@ fn checked_bake(recipe: &BakeRecipe) -> Result<bake::Settings, RecipeError> {
         max_distance_m: recipe.max_distance_m,
         seed: recipe.seed,
     })
+}
+
+fn checked_surroundings(recipe: &BakeRecipe) -> Result<(), RecipeError> {
+    let around = &recipe.surroundings;
+    if let Some(GroundRecipe::HeightM(height)) = around.ground {
+        let field = "bake.surroundings.ground";
+        require(height.is_finite(), field, height, "it must be `lowest` or a height in metres")?;
+    }
+    if let Some(near) = around.min_distance_m {
+        let far = recipe.max_distance_m.unwrap_or(f32::INFINITY);
+        let expected = "it must be 0 or more, finite, and below the maximum distance";
+        let field = "bake.surroundings.min_distance_m";
+        require(near.is_finite() && near >= 0.0 && near < far, field, near, expected)?;
+    }
+    if let Some(falloff) = around.falloff {
+        let field = "bake.surroundings.falloff";
+        let sound = falloff.is_finite() && falloff > 0.0;
+        require(sound, field, falloff, "it must be a positive exponent, such as 1 or 2")?;
+        let whole = recipe.signal == SignalName::Ao && recipe.max_distance_m.is_some();
+        require(whole, field, falloff, "it needs the signal ao and a maximum distance")?;
+    }
+    Ok(())
 }
 
 fn checked_fit(fit: &FitRecipe, on: OnName) -> Result<fit::Settings, RecipeError> {
@@ -238,6 +263,12 @@ mod tests {
         assert_eq!(fault(|r| r.bake.rays = 0), "bake.rays");
         assert_eq!(fault(|r| r.bake.max_distance_m = Some(0.0)), "bake.max_distance_m");
         assert_eq!(fault(|r| r.bake.max_distance_m = Some(f32::NAN)), "bake.max_distance_m");
+        let around = "bake.surroundings.ground";
+        let nowhere = Some(GroundRecipe::HeightM(f32::NAN));
+        assert_eq!(fault(|r| r.bake.surroundings.ground = nowhere), around);
+        let near = |near| fault(|r| r.bake.surroundings.min_distance_m = Some(near));
+        assert_eq!(near(-1.0), "bake.surroundings.min_distance_m");
+        assert_eq!(fault(|r| r.bake.surroundings.falloff = Some(1.0)), "bake.surroundings.falloff");
         assert_eq!(fault(|r| r.poses.rate_hz = 0.0), "poses.rate_hz");
         assert_eq!(fault(|r| r.poses.rate_hz = f32::NAN), "poses.rate_hz");
         assert_eq!(fault(|r| r.poses.near_repeat = -1.0), "poses.near_repeat");

@@ -57,11 +57,11 @@ pub(super) fn header(job: &Job) -> Result<Header, Error> {
 
 /// What turns a tool's joint rotations into parameters and bone rotations.
 pub(super) fn rig_header(job: &Job) -> RigHeader {
-    let PoseSet { parametrisation, bones, root_node, .. } = &job.poses;
+    let PoseSet { parametrisation, bones, root_node, root_motion, .. } = &job.poses;
     let mesh = &job.scene.mesh;
     RigHeader::new(
         &job.scene.skeleton,
-        *root_node,
+        (*root_node, *root_motion),
         bones,
         parametrisation,
         &mesh.weight_names,
@@ -85,7 +85,7 @@ pub(super) fn tables(job: &Job) -> Static {
             bone_rotations: samples.iter().flat_map(|s| s.bone_rotations.clone()).collect(),
         },
         mesh: rest_mesh(job),
-        sources: job.scene.sources.clone(),
+        sources: [&job.scene.sources, job.occluders.sources()].concat(),
     }
 }
 

@@ -2,11 +2,11 @@
 //! parametrisation of the same poses needs no new bake.
 
 use super::recipe::Recipe;
+use super::reference::job_for;
 use super::{Error, Job, job_of, recipe_of};
 use crate::dataset::{Dataset, Training};
 use crate::model::{Model, RigHeader};
 use crate::pose::Split;
-use crate::scene::{self, Limits};
 
 /// The training poses of a data set in the parametrisation that a recipe's fit asks for, and the
 /// rig whose columns these are.
@@ -35,13 +35,10 @@ pub(super) fn training<'a>(
 
 /// The data set's own job, its poses encoded as the recipe's fit asks.
 fn job_in(dataset: &Dataset, recipe: &Recipe) -> Result<Job, Error> {
-    let file = dataset.path().join("source").display().to_string();
-    let scene = scene::import_sources(dataset.sources()?, &Limits::default())
-        .map_err(|source| Error::Scene { file, source })?;
     let mut stored = recipe_of(dataset)?;
     stored.poses.parametrisation =
         recipe.fit.parametrisation.unwrap_or(stored.poses.parametrisation);
-    Job::new(scene, stored)
+    job_for(dataset, stored)
 }
 
 fn stored_rig(dataset: &Dataset) -> Result<RigHeader, Error> {

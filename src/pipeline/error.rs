@@ -64,6 +64,9 @@ pub enum Error {
         /// Where and what.
         source: serde_json::Error,
     },
+    /// What stands around the character is not to be had, or makes no sense.
+    #[error("surroundings: {0}")]
+    Surroundings(String),
     /// A model that belongs to another scene or bake.
     #[error(
         "the model was fitted to another bake ({model}) than this data set's ({dataset}); fit it anew, or name its own data set"

@@ -4,7 +4,9 @@ use std::path::Path;
 
 use super::hash::{self, Hashes};
 use super::recipe::Recipe;
+use super::surroundings::{self, Occluders};
 use super::{Checked, Error};
+use crate::bake::{self, Baker};
 use crate::pose::{self, PoseSet};
 use crate::rig::{self, Deformed};
 use crate::scene::{self, Limits, Scene};
@@ -21,8 +23,10 @@ pub fn import(path: &Path) -> Result<Scene, Error> {
 /// Everything that a bake needs, checked and resolved.
 #[derive(Debug)]
 pub struct Job {
-    /// The imported scene.
+    /// The imported scene, without what only blocks.
     pub scene: Scene,
+    /// What only blocks.
+    pub occluders: Occluders,
     /// The recipe with the scene's name and hash filled in.
     pub recipe: Recipe,
     /// The recipe as the stages' settings.
@@ -31,6 +35,8 @@ pub struct Job {
     pub hashes: Hashes,
     /// The poses with their parameters.
     pub poses: PoseSet,
+    /// What stands around the character.
+    pub surroundings: bake::Surroundings,
 }
 
 impl Job {
@@ -41,21 +47,32 @@ impl Job {
     pub fn open(path: &Path, recipe: Recipe) -> Result<Self, Error> {
         // The recipe first: a wrong number should not wait for a large file.
         Checked::new(&recipe)?;
-        Self::new(import(path)?, recipe)
+        let named = recipe.bake.surroundings.occluders.as_ref();
+        let still = named.map(|occluders| import(Path::new(&occluders.file))).transpose()?;
+        Self::new(import(path)?, still, recipe)
     }
 
-    /// Prepares the job of an imported scene.
+    /// Prepares the job of an imported scene, and of the scene that the recipe's occluders name.
     ///
     /// # Errors
-    /// What the recipe's check or pose sampling objects to.
-    pub fn new(scene: Scene, mut recipe: Recipe) -> Result<Self, Error> {
-        let checked = Checked::new(&recipe)?;
+    /// What the recipe's check, pose sampling or the surroundings object to.
+    pub fn new(mut scene: Scene, still: Option<Scene>, mut recipe: Recipe) -> Result<Self, Error> {
+        let mut checked = Checked::new(&recipe)?;
+        let occluders = Occluders::take(&mut scene, still, &mut recipe)?;
+        checked.poses.root_motion = occluders.root_motion(&scene, &recipe.bake.surroundings);
         let poses = pose::sample(&scene, &checked.poses)?;
         let scene_hash = hash::scene(&scene.sources);
         recipe.scene.file = scene.sources.first().map(|s| s.name.clone()).unwrap_or_default();
         recipe.scene.sha256 = Some(scene_hash.clone());
         let hashes = Hashes::of(&scene_hash, &recipe);
-        Ok(Self { scene, recipe, checked, hashes, poses })
+        let surroundings = bake::Surroundings::default();
+        let mut job = Self { scene, occluders, recipe, checked, hashes, poses, surroundings };
+        let around = &job.recipe.bake.surroundings;
+        let (resolved, notices) =
+            surroundings::resolve(around, &job.scene.mesh, &job.poses, |pose| job.deformed(pose))?;
+        job.surroundings = resolved;
+        job.scene.notices.extend(notices);
+        Ok(job)
     }
 
     /// The mesh of one pose in the character's root frame.
@@ -66,6 +83,25 @@ impl Job {
         let mut out = Deformed::default();
         rig::deform(&self.scene.mesh, &globals, &sample.pose.weights, sample.root, &mut out);
         out
+    }
+
+    /// The same with everything that only blocks, as [`Self::baker`] takes it.
+    #[must_use]
+    pub fn traced(&self, pose: usize) -> Deformed {
+        let mut out = self.deformed(pose);
+        let sample = &self.poses.samples[pose];
+        let globals = self.scene.skeleton.globals(&sample.pose.local);
+        self.occluders.append(&globals, &sample.pose.weights, sample.root, &mut out);
+        out
+    }
+
+    /// What bakes the job's poses with these settings.
+    ///
+    /// # Errors
+    /// What [`Baker::new`] and [`Baker::within`] object to.
+    pub fn baker(&self, settings: &bake::Settings) -> Result<Baker, Error> {
+        let (triangles, points) = self.occluders.with(&self.scene.mesh, &self.poses.points);
+        Ok(Baker::new(&triangles, &points, settings)?.within(self.surroundings.clone())?)
     }
 
     /// The key of a pose's clip in random streams: a hash of the clip's name, so that neither the

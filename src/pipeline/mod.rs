@@ -22,6 +22,7 @@ mod reference;
 mod report;
 mod run;
 mod subset;
+mod surroundings;
 mod timing;
 
 pub use bake::{Baked, bake};
@@ -36,3 +37,4 @@ pub use plan::{Plan, plan};
 pub use progress::{Progress, Stage, Watch};
 pub use reference::{ReferenceBaked, bake_reference, job_of};
 pub use run::{Outcome, examine, meets_target, run};
+pub use surroundings::Occluders;

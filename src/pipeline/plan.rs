@@ -1,7 +1,6 @@
 //! What a bake would cost, before a ray is cast in earnest.
 
 use super::{Error, Job, describe};
-use crate::bake::Baker;
 
 /// The cost of a bake.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,8 +33,8 @@ const CALIBRATION_S: f64 = 0.5;
 /// What the stages object to.
 pub fn plan(job: &Job) -> Result<Plan, Error> {
     let layout = describe::header(job)?.layout;
-    let baker = Baker::new(&job.scene.mesh.triangles, &job.poses.points, &job.checked.bake)?;
-    let first = job.deformed(0);
+    let baker = job.baker(&job.checked.bake)?;
+    let first = job.traced(0);
     let posed = super::bake::posed(job, 0, &first);
     let calibration = baker.calibrate(&posed, CALIBRATION_S)?;
     let rays = layout.poses as u64 * layout.points as u64 * baker.rays_per_point() as u64;

@@ -3,8 +3,12 @@
 //! This is the raw form, as a user writes it; [`super::Checked`] is what runs. Every field may be
 //! left out and then takes the default given here, the one place where defaults live.
 
+pub mod surroundings;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use surroundings::SurroundingsRecipe;
 
 /// The version that this crate reads and writes.
 pub const VERSION: u32 = 1;
@@ -144,11 +148,21 @@ pub struct BakeRecipe {
     pub max_distance_m: Option<f32>,
     /// Seed of all directions.
     pub seed: u64,
+    /// What stands around the character.
+    #[serde(skip_serializing_if = "SurroundingsRecipe::is_empty")]
+    pub surroundings: SurroundingsRecipe,
 }
 
 impl Default for BakeRecipe {
     fn default() -> Self {
-        Self { signal: SignalName::Transfer, order: 6, rays: 500, max_distance_m: None, seed: 1 }
+        Self {
+            signal: SignalName::Transfer,
+            order: 6,
+            rays: 500,
+            max_distance_m: None,
+            seed: 1,
+            surroundings: SurroundingsRecipe::default(),
+        }
     }
 }
 

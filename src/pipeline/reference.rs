@@ -5,7 +5,8 @@ use std::time::Instant;
 
 use super::bake::bake_poses;
 use super::progress::{Progress, Stage, Watch};
-use super::{Checked, Error, Job, ReferenceSettings, hash, recipe_of, subset};
+use super::recipe::Recipe;
+use super::{Checked, Error, Job, ReferenceSettings, hash, recipe_of, subset, surroundings};
 use crate::bake::{self, Baker};
 use crate::dataset::{Dataset, Reference, ReferenceHeader, ReferencePose};
 use crate::num::random;
@@ -79,11 +80,20 @@ pub fn bake_reference(
 /// # Errors
 /// If its scene or recipe no longer reads.
 pub fn job_of(dataset: &Dataset) -> Result<Job, Error> {
-    let scene =
-        scene::import_sources(dataset.sources()?, &Limits::default()).map_err(|source| {
-            Error::Scene { file: dataset.path().join("source").display().to_string(), source }
-        })?;
-    Job::new(scene, recipe_of(dataset)?)
+    job_for(dataset, recipe_of(dataset)?)
+}
+
+/// Another job over the scene of a data set.
+pub(super) fn job_for(dataset: &Dataset, recipe: Recipe) -> Result<Job, Error> {
+    let import = |sources| {
+        scene::import_sources(sources, &Limits::default()).map_err(|source| Error::Scene {
+            file: dataset.path().join("source").display().to_string(),
+            source,
+        })
+    };
+    let (own, others) = surroundings::part(dataset.sources()?);
+    let still = if others.is_empty() { None } else { Some(import(others)?) };
+    Job::new(import(own)?, still, recipe)
 }
 
 fn header(dataset: &Dataset, settings: ReferenceSettings) -> Result<ReferenceHeader, Error> {
@@ -100,7 +110,7 @@ fn header(dataset: &Dataset, settings: ReferenceSettings) -> Result<ReferenceHea
 
 fn baker(job: &Job, rays: u32, seed: u64) -> Result<Baker, Error> {
     let settings = bake::Settings { rays, seed, ..Checked::new(&job.recipe)?.bake };
-    Ok(Baker::new(&job.scene.mesh.triangles, &job.poses.points, &settings)?)
+    job.baker(&settings)
 }
 
 fn bake_one(

@@ -13,9 +13,10 @@ use glam::{Affine3A, Quat};
 pub use error::Error;
 pub use evaluate::evaluate;
 
+pub use crate::rig::RootMotion;
 use crate::rig::{
-    self, Bones, Parametrisation, ParametrisationKind, Points, Pose, RigidFrame, bone_rotations,
-    carried_weight, in_root, root_frame,
+    self, Bones, Parametrisation, ParametrisationKind, Points, Pose, RigidFrame, Skeleton,
+    bone_rotations, carried_weight, in_root,
 };
 use crate::scene::{Scene, size_m};
 use schedule::{Instant, Schedule};
@@ -43,6 +44,8 @@ pub struct Settings {
     pub parametrisation: ParametrisationKind,
     /// Draws the clips that are held out. Default 0.
     pub seed: u64,
+    /// What of the character's own motion is taken out. Default: all of it.
+    pub root_motion: RootMotion,
 }
 
 impl Default for Settings {
@@ -55,6 +58,7 @@ impl Default for Settings {
             near_repeat: 0.005,
             parametrisation: ParametrisationKind::JointAngles,
             seed: 0,
+            root_motion: RootMotion::Rigid,
         }
     }
 }
@@ -120,6 +124,8 @@ pub struct PoseSet {
     pub bones: Bones,
     /// The node whose rigid motion is the root frame.
     pub root_node: Option<usize>,
+    /// What of that motion the root frame has.
+    pub root_motion: RootMotion,
     /// The diagonal of the rest pose's bounding box, metres.
     pub size_m: f32,
     /// What was dropped, for each clip that lost poses.
@@ -146,20 +152,15 @@ pub fn sample(scene: &Scene, settings: &Settings) -> Result<PoseSet, Error> {
         .iter()
         .map(|&instant| Draft { instant, pose: pose_at(&schedule, instant, &rest) })
         .collect();
-    let root_node = rig::root_node(&scene.skeleton, &scene.mesh);
+    let root = Root::of(scene, settings.root_motion);
     // Repeats are told apart by everything that moves anywhere, parameters by training alone.
-    let everything = angles(scene, root_node, size_m, drafts.iter());
-    let near_repeats = drop_repeats(&mut drafts, &everything, settings.near_repeat);
-    let rest_globals = scene.skeleton.globals(&rest.local);
-    let in_root = |pose: &Pose| {
-        let globals = scene.skeleton.globals(&pose.local);
-        in_root(&globals, root_frame(&scene.skeleton, &globals, &rest_globals, root_node))
-    };
+    let everything = angles(scene, &root, size_m, drafts.iter());
+    let near_repeats = drop_repeats(&mut drafts, &everything, &root, settings.near_repeat);
     let training = drafts.iter().filter(|draft| draft.instant.split == Split::Training);
     let parametrisation = match settings.parametrisation {
-        ParametrisationKind::JointAngles => angles(scene, root_node, size_m, training),
+        ParametrisationKind::JointAngles => angles(scene, &root, size_m, training),
         ParametrisationKind::Handles => {
-            let poses: Vec<_> = training.map(|d| (&d.pose, in_root(&d.pose))).collect();
+            let poses: Vec<_> = training.map(|d| (&d.pose, root.inside(&d.pose))).collect();
             let names = &scene.mesh.weight_names;
             Parametrisation::handles(&scene.skeleton, &poses, size_m, &carries(scene), names)
         }
@@ -168,12 +169,9 @@ pub fn sample(scene: &Scene, settings: &Settings) -> Result<PoseSet, Error> {
     let bones = Bones::dominant(&scene.mesh, &points);
     let parameters = drafts
         .iter()
-        .flat_map(|draft| parametrisation.encode(&draft.pose, &in_root(&draft.pose)))
+        .flat_map(|draft| parametrisation.encode(&draft.pose, &root.inside(&draft.pose)))
         .collect();
-    let samples = drafts
-        .into_iter()
-        .map(|draft| draft.into_sample(scene, &rest_globals, root_node, &bones))
-        .collect();
+    let samples = drafts.into_iter().map(|draft| draft.into_sample(&root, &bones)).collect();
     let clip_names = clip_names(&schedule);
     Ok(PoseSet {
         clip_names,
@@ -182,7 +180,8 @@ pub fn sample(scene: &Scene, settings: &Settings) -> Result<PoseSet, Error> {
         parameters,
         points,
         bones,
-        root_node,
+        root_node: root.node,
+        root_motion: settings.root_motion,
         size_m,
         near_repeats,
     })
@@ -199,6 +198,34 @@ fn check(settings: &Settings) -> Result<(), Error> {
     if interpolated_every == 1 { Err(Error::InterpolatedEvery) } else { Ok(()) }
 }
 
+/// Whose motion is taken out, and what of it.
+struct Root<'a> {
+    skeleton: &'a Skeleton,
+    rest_globals: Vec<Affine3A>,
+    node: Option<usize>,
+    motion: RootMotion,
+}
+
+impl<'a> Root<'a> {
+    fn of(scene: &'a Scene, motion: RootMotion) -> Self {
+        let skeleton = &scene.skeleton;
+        let rest = Pose::rest(skeleton, &scene.mesh.default_weights);
+        let fixed = motion == RootMotion::Fixed;
+        let node = if fixed { None } else { rig::root_node(skeleton, &scene.mesh) };
+        Self { skeleton, rest_globals: skeleton.globals(&rest.local), node, motion }
+    }
+
+    fn frame(&self, globals: &[Affine3A]) -> RigidFrame {
+        self.motion.frame(self.skeleton, globals, &self.rest_globals, self.node)
+    }
+
+    /// The pose's nodes in the root frame.
+    fn inside(&self, pose: &Pose) -> Vec<Affine3A> {
+        let globals = self.skeleton.globals(&pose.local);
+        in_root(&globals, self.frame(&globals))
+    }
+}
+
 /// A pose before its derived numbers.
 struct Draft {
     instant: Instant,
@@ -206,18 +233,12 @@ struct Draft {
 }
 
 impl Draft {
-    fn into_sample(
-        self,
-        scene: &Scene,
-        rest_globals: &[Affine3A],
-        root_node: Option<usize>,
-        bones: &Bones,
-    ) -> Sample {
-        let globals = scene.skeleton.globals(&self.pose.local);
-        let root = root_frame(&scene.skeleton, &globals, rest_globals, root_node);
-        let bone_rotations = bone_rotations(&globals, rest_globals, root, bones);
+    fn into_sample(self, root: &Root<'_>, bones: &Bones) -> Sample {
+        let globals = root.skeleton.globals(&self.pose.local);
+        let frame = root.frame(&globals);
+        let bone_rotations = bone_rotations(&globals, &root.rest_globals, frame, bones);
         let Instant { clip, time_s, split } = self.instant;
-        Sample { clip, time_s, split, pose: self.pose, root, bone_rotations }
+        Sample { clip, time_s, split, pose: self.pose, root: frame, bone_rotations }
     }
 }
 
@@ -235,18 +256,18 @@ fn clip_names(schedule: &Schedule<'_>) -> Vec<String> {
     schedule.clips.iter().map(|clip| clip.name.clone()).collect()
 }
 
-/// The parametrisation of these poses: without the root's rigid motion and without nodes that
-/// carry no vertex.
+/// The parametrisation of these poses: without the root's motion as far as that is taken out, and
+/// without nodes that carry no vertex.
 fn angles<'a>(
     scene: &Scene,
-    root_node: Option<usize>,
+    root: &Root<'_>,
     size_m: f32,
     drafts: impl Iterator<Item = &'a Draft>,
 ) -> Parametrisation {
     let poses: Vec<&Pose> = drafts.map(|draft| &draft.pose).collect();
     let nodes = &scene.skeleton.nodes;
     let mut excluded = vec![false; nodes.len()];
-    let mut next = root_node;
+    let mut next = root.node;
     while let Some(node) = next {
         excluded[node] = true;
         next = nodes[node].parent;
@@ -255,7 +276,12 @@ fn angles<'a>(
     let mut angles =
         Parametrisation::joint_angles(&scene.skeleton, &poses, size_m, &excluded, names);
     angles.retain_nodes(&carries(scene));
-    angles
+    let (RootMotion::Upright, Some(node)) = (root.motion, root.node) else {
+        return angles;
+    };
+    let inside: Vec<Vec<Affine3A>> = poses.iter().map(|pose| root.inside(pose)).collect();
+    let inside: Vec<&[Affine3A]> = inside.iter().map(Vec::as_slice).collect();
+    angles.on_ground(node, &root.rest_globals, &inside)
 }
 
 /// Which nodes carry a vertex, themselves or below them.
@@ -265,8 +291,15 @@ fn carries(scene: &Scene) -> Vec<bool> {
 }
 
 /// Removes near-repeats and counts them by clip.
-fn drop_repeats(drafts: &mut Vec<Draft>, by: &Parametrisation, threshold: f32) -> Vec<NearRepeat> {
-    let rows: Vec<f32> = drafts.iter().flat_map(|draft| by.encode(&draft.pose, &[])).collect();
+fn drop_repeats(
+    drafts: &mut Vec<Draft>,
+    by: &Parametrisation,
+    root: &Root<'_>,
+    threshold: f32,
+) -> Vec<NearRepeat> {
+    let inside = |pose: &Pose| if by.needs_globals() { root.inside(pose) } else { Vec::new() };
+    let encode = |draft: &Draft| by.encode(&draft.pose, &inside(&draft.pose));
+    let rows: Vec<f32> = drafts.iter().flat_map(encode).collect();
     let splits: Vec<Split> = drafts.iter().map(|draft| draft.instant.split).collect();
     let keep = repeats::distinct(&rows, by.columns.len(), &splits, threshold);
     let clips = drafts.iter().map(|draft| draft.instant.clip + 1).max().unwrap_or(0);

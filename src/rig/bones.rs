@@ -139,7 +139,7 @@ pub fn bone_rotations(
 
 /// The rotation since rest. Where the node is crushed at rest (hidden by a zero scale) there is no
 /// "since", and its rotation in the scene stands in: it differs by a constant only.
-fn turn(global: &Affine3A, rest: &Affine3A) -> Option<Quat> {
+pub(super) fn turn(global: &Affine3A, rest: &Affine3A) -> Option<Quat> {
     let inverse = rest.matrix3.inverse();
     let motion = if inverse.is_finite() { global.matrix3 * inverse } else { global.matrix3 };
     nearest_rotation(motion)

@@ -18,6 +18,8 @@ mod points;
 mod pose;
 mod rotation;
 mod skeleton;
+mod split;
+mod upright;
 
 pub use bones::{Bones, bone_rotations, carried_weight, root_frame, root_node};
 pub use deform::{Deformed, deform};
@@ -28,3 +30,4 @@ pub use points::Points;
 pub use pose::Pose;
 pub use rotation::{mean_rotation, nearest_rotation, rotation_vector};
 pub use skeleton::{Node, Skeleton, Transform};
+pub use upright::RootMotion;

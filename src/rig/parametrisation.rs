@@ -3,7 +3,7 @@
 use glam::{Affine3A, Quat, Vec3};
 
 use super::Pose;
-use super::rotation::rotation_vector;
+use super::rotation::{nearest_rotation, rotation_vector};
 
 /// A degree of freedom whose standard deviation over the training poses is at most this (radians,
 /// model sizes, or units of scale and weight) is noise of the file's encoding, not motion.
@@ -61,6 +61,23 @@ pub enum Source {
         /// In the node's own space.
         offset: Vec3,
     },
+    /// A component of the rotation vector of q · rest⁻¹, radians, with q the node's rotation in the
+    /// root frame: the tilt of a character on level ground.
+    Tilt {
+        /// The root node.
+        node: usize,
+        /// 0, 1, 2 for x, y, z.
+        axis: u8,
+        /// Its rotation at rest, in the scene.
+        rest: Quat,
+    },
+    /// The node's height in the root frame minus `rest`, divided by the model's size.
+    Height {
+        /// The root node.
+        node: usize,
+        /// Metres.
+        rest: f32,
+    },
     /// A morph weight as it is.
     Weight {
         /// Index into [`Pose::weights`].
@@ -105,7 +122,7 @@ impl Parametrisation {
     /// The parameters of a pose, one per column, not centred: radians, sizes, scales, weights.
     ///
     /// `in_root` maps each node's space to the root frame ([`in_root`](super::in_root)); only
-    /// [`Source::Point`] looks at it, so it may be empty where [`needs_globals`](Self::needs_globals)
+    /// [`Source::Point`], [`Source::Tilt`] and [`Source::Height`] look at it, so it may be empty where [`needs_globals`](Self::needs_globals)
     /// is false. Always finite for a finite pose; a rotation is normalised, one without direction
     /// counts as the mean.
     ///
@@ -138,16 +155,58 @@ impl Parametrisation {
                     }
                     last_point.2[usize::from(axis)]
                 }
+                Source::Tilt { node, axis, rest } => tilt(&in_root[node], rest)[usize::from(axis)],
+                Source::Height { node, rest } => (in_root[node].translation.y - rest) / self.size_m,
                 Source::Weight { slot } => pose.weights[slot],
             })
             .collect()
     }
 
-    /// Whether some parameter is the place of a point, so that [`encode`](Self::encode) needs
+    /// Whether some parameter is a matter of where a node is in the root frame, so that [`encode`](Self::encode) needs
     /// forward kinematics.
     #[must_use]
     pub fn needs_globals(&self) -> bool {
-        self.columns.iter().any(|column| matches!(column.source, Source::Point { .. }))
+        let needs = |source| {
+            matches!(source, Source::Point { .. } | Source::Tilt { .. } | Source::Height { .. })
+        };
+        self.columns.iter().any(|column| needs(column.source))
+    }
+
+    /// Puts tilt and height of the whole character before the other parameters, as far as they
+    /// vary over the training poses, which come with their nodes in the root frame. For
+    /// [`RootMotion::Upright`](super::RootMotion::Upright).
+    ///
+    /// # Panics
+    /// If a slice is shorter than the root node demands.
+    #[must_use]
+    pub fn on_ground(
+        mut self,
+        root_node: usize,
+        rest_globals: &[Affine3A],
+        training: &[&[Affine3A]],
+    ) -> Self {
+        let at_rest = rest_globals[root_node];
+        let rest = nearest_rotation(at_rest.matrix3).unwrap_or(Quat::IDENTITY);
+        let later = std::mem::take(&mut self.columns);
+        for (axis, name) in [(0, "root tilt x"), (2, "root tilt z")] {
+            let source = Source::Tilt { node: root_node, axis: axis as u8, rest };
+            let values = training.iter().map(|inside| tilt(&inside[root_node], rest)[axis]);
+            self.add_or_name(name, source, varies(values));
+        }
+        let source = Source::Height { node: root_node, rest: at_rest.translation.y };
+        let size_m = self.size_m;
+        let values = training.iter().map(|inside| inside[root_node].translation.y / size_m);
+        self.add_or_name("root height", source, varies(values));
+        self.columns.extend(later);
+        self
+    }
+
+    fn add_or_name(&mut self, name: &str, source: Source, varies: bool) {
+        if varies {
+            self.columns.push(Column { source, name: name.to_owned() });
+        } else {
+            self.dropped.push(name.to_owned());
+        }
     }
 
     /// Adds a parameter for each morph weight that varies, and names the others.
@@ -196,12 +255,20 @@ impl Parametrisation {
     }
 }
 
+/// Of a node in the root frame against its rest; none where the pose crushes it.
+fn tilt(in_root: &Affine3A, rest: Quat) -> Vec3 {
+    let turn = nearest_rotation(in_root.matrix3).map(|now| now * rest.inverse());
+    turn.map_or(Vec3::ZERO, |turn| rotation_vector(Quat::IDENTITY, turn))
+}
+
 fn node_of(source: Source) -> Option<usize> {
     match source {
         Source::Rotation { node, .. }
         | Source::Translation { node, .. }
         | Source::Scale { node, .. }
-        | Source::Point { node, .. } => Some(node),
+        | Source::Point { node, .. }
+        | Source::Tilt { node, .. }
+        | Source::Height { node, .. } => Some(node),
         Source::Weight { .. } => None,
     }
 }

@@ -4,6 +4,7 @@ mod analytic;
 mod hostile;
 mod identity;
 mod statistics;
+mod surrounded;
 
 use std::sync::atomic::AtomicBool;
 
