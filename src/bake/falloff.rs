@@ -23,7 +23,7 @@ pub(super) fn shares(
         let surface = hit.map_or(f32::INFINITY, |hit| hit.distance);
         let floor = height.map_or(f32::INFINITY, |h| ground::distance(y, h, rays.near));
         let distance = surface.min(floor);
-        if distance <= rays.far {
+        if distance <= rays.far.min(f32::MAX) {
             let second = set.second_half[lane / 64] >> (lane % 64) & 1;
             sums[second as usize] += f64::from((1.0 - distance / rays.far).powf(falloff));
         }

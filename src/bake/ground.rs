@@ -5,10 +5,12 @@ use crate::trace::Rays;
 /// Sets the bits of rays that the ground blocks; `height` is that of the point over the ground, in
 /// the rays' lengths, negative in the ground.
 pub(super) fn block(rays: &Rays<'_>, height: f32, blocked: &mut [u64]) {
+    // What is never met is at no distance, not at an infinite one.
+    let far = rays.far.min(f32::MAX);
     for (word, lanes) in blocked.iter_mut().zip(rays.y.chunks(64)) {
         for (lane, &y) in lanes.iter().enumerate() {
             let distance = distance(y, height, rays.near);
-            *word |= u64::from(distance <= rays.far) << lane;
+            *word |= u64::from(distance <= far) << lane;
         }
     }
 }

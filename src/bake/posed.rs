@@ -56,7 +56,7 @@ pub(super) struct Stage {
 
 /// What the triangles around a point say of it.
 #[derive(Debug, Clone, Copy, Default)]
-struct Surroundings {
+struct Around {
     /// Twice the sum of the triangles' areas times their normals.
     normal: Vec3,
     edge_sum: f32,
@@ -82,7 +82,7 @@ impl Posed {
             .zip(&around)
             .map(|(&vertex, around)| shading_normal(mesh.normals[vertex as usize], around.normal))
             .collect();
-        let origin = |((&vertex, around), &normal): ((&u32, &Surroundings), &Vec3)| {
+        let origin = |((&vertex, around), &normal): ((&u32, &Around), &Vec3)| {
             let vertex = vertex as usize;
             let spacing = space.spacing(mesh.positions[vertex]);
             positions[vertex] + around.offset(normal, spacing)
@@ -159,8 +159,8 @@ impl Space {
     }
 }
 
-fn surroundings(triangles: &[[u32; 3]], points: &Points, positions: &[Vec3]) -> Vec<Surroundings> {
-    let mut around = vec![Surroundings::default(); points.vertex.len()];
+fn surroundings(triangles: &[[u32; 3]], points: &Points, positions: &[Vec3]) -> Vec<Around> {
+    let mut around = vec![Around::default(); points.vertex.len()];
     for corners in triangles {
         let [a, b, c] = corners.map(|corner| positions[corner as usize]);
         let normal = (b - a).cross(c - a);
@@ -179,7 +179,7 @@ fn surroundings(triangles: &[[u32; 3]], points: &Points, positions: &[Vec3]) -> 
     around
 }
 
-impl Surroundings {
+impl Around {
     /// From the point to where its rays start: along the geometric normal on the shading side.
     fn offset(&self, shading_normal: Vec3, spacing: f32) -> Vec3 {
         let edge = if self.edges > 0 { self.edge_sum / self.edges as f32 } else { 0.0 };

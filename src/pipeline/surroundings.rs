@@ -105,9 +105,11 @@ impl Occluders {
         if self.is_empty() {
             return;
         }
-        let mut moved = Deformed::default();
-        rig::deform(&self.moving, globals, weights, root, &mut moved);
-        out.positions.append(&mut moved.positions);
+        if !self.moving.positions.is_empty() {
+            let mut moved = Deformed::default();
+            rig::deform(&self.moving, globals, weights, root, &mut moved);
+            out.positions.append(&mut moved.positions);
+        }
         let to_root = root.inverse();
         out.positions.extend(self.positions.iter().map(|&p| to_root.transform_point3(p)));
         out.normals.resize(out.positions.len(), glam::Vec3::ZERO);
@@ -270,3 +272,7 @@ fn views(around: &SurroundingsRecipe, mesh: &Mesh, points: &Points) -> Result<Ve
     }
     Ok(views)
 }
+
+#[cfg(test)]
+#[path = "surroundings_tests.rs"]
+mod tests;

@@ -94,7 +94,7 @@ fn falloff_under_a_roof() {
     body.positions.extend([Vec3::ZERO, Vec3::Z * 1e-3, Vec3::X * 1e-3]);
     body.normals.extend([Vec3::Y; 3]);
     body.triangles.push([0, 1, 2]);
-    let corner = |x, z| Vec3::new(x * 1e3, 1.0, z * 1e3);
+    let corner = |x: f32, z: f32| Vec3::new(x * 1e3, 1.0, z * 1e3);
     body.quad([corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)]);
     let most = 4.0;
     let limited = Settings { max_distance_m: Some(most), ..settings(Signal::Ao, 256) };

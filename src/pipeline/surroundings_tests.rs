@@ -1,0 +1,129 @@
+use std::sync::atomic::AtomicBool;
+
+use super::*;
+use crate::dataset::Dataset;
+use crate::pipeline::recipe::SignalName;
+use crate::pipeline::recipe::surroundings::OccludersRecipe;
+use crate::pipeline::{Job, Watch, bake, bake_reference};
+use crate::scene::{self, Limits, figure};
+
+fn import(name: &str, bytes: Vec<u8>) -> Scene {
+    let source = Source { name: name.into(), bytes };
+    scene::import_sources(vec![source], &Limits::default()).unwrap()
+}
+
+fn character() -> Scene {
+    import("figure.glb", figure::figure())
+}
+
+/// A wall beside the figure.
+fn wall() -> Scene {
+    let text = "v 0.6 0 -5\nv 0.6 0 5\nv 0.6 9 5\nv 0.6 9 -5\nf 1 2 3\nf 1 3 4\n";
+    import("wall.obj", text.into())
+}
+
+/// A recipe of few poses and rays.
+fn recipe(edit: impl FnOnce(&mut SurroundingsRecipe)) -> Recipe {
+    let mut recipe = Recipe::default();
+    recipe.poses.clips = Some(vec!["walk".into()]);
+    recipe.poses.rate_hz = 2.0;
+    recipe.bake.signal = SignalName::Ao;
+    recipe.bake.rays = 8;
+    recipe.target.reference_poses = 1;
+    edit(&mut recipe.bake.surroundings);
+    recipe
+}
+
+fn refused(still: Option<Scene>, recipe: Recipe) -> String {
+    Job::new(character(), still, recipe).expect_err("must be refused").to_string()
+}
+
+/// Nothing asked for leaves the recipe's text, and with it every hash, as it was before there were
+/// surroundings.
+#[test]
+fn an_empty_recipe_says_nothing() {
+    let text = serde_json::to_string(&Recipe::default()).unwrap();
+    assert!(!text.contains("surroundings"), "{text}");
+}
+
+/// Level ground at the lowest point: no point of any pose is below it and some pose touches it; only
+/// turning and walking are taken out, and the heights of the poses are those of the scene.
+#[test]
+fn the_lowest_ground_is_touched() {
+    let job =
+        Job::new(character(), None, recipe(|r| r.ground = Some(GroundRecipe::Lowest))).unwrap();
+    assert_eq!(job.poses.root_motion, RootMotion::Upright);
+    let ground = job.surroundings.ground_m.unwrap();
+    let lowest = |pose: usize| {
+        job.deformed(pose).positions.iter().map(|p| p.y).fold(f32::INFINITY, f32::min)
+    };
+    let lows: Vec<f32> = (0..job.poses.samples.len()).map(lowest).collect();
+    assert!(lows.iter().all(|&low| low >= ground) && lows.contains(&ground));
+    for sample in &job.poses.samples {
+        assert_eq!((sample.root.rotation.x, sample.root.rotation.z), (0.0, 0.0));
+        assert_eq!(sample.root.translation.y, 0.0);
+    }
+}
+
+/// A wall that stands still leaves nothing of the motion to take out; it blocks, gets no values, and
+/// comes back out of the data set's sources when references are baked.
+#[test]
+fn occluders_survive_the_data_set() {
+    let named = |r: &mut SurroundingsRecipe| {
+        r.occluders = Some(OccludersRecipe { file: "elsewhere/wall.obj".into(), sha256: None });
+    };
+    let open = Job::new(character(), None, recipe(|_| ())).unwrap();
+    let job = Job::new(character(), Some(wall()), recipe(named)).unwrap();
+    assert_eq!((job.poses.root_motion, job.poses.root_node), (RootMotion::Fixed, None));
+    assert_eq!(job.poses.points, open.poses.points);
+    assert_ne!(job.hashes.bake, open.hashes.bake);
+    let stored = job.recipe.bake.surroundings.occluders.clone().unwrap();
+    assert_eq!(stored.file, "wall.obj");
+    assert!(stored.sha256.is_some());
+
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("d.zarr");
+    let stop = AtomicBool::new(false);
+    let watch = Watch { cancelled: &stop, report: &|_| () };
+    bake(&job, &path, &watch).unwrap();
+    let dataset = Dataset::open(&path).unwrap();
+    bake_reference(&dataset, job.checked.reference, &watch).unwrap();
+    let mean = |job: &Job| {
+        let baker = job.baker(&job.checked.bake).unwrap();
+        let posed = job.traced(0);
+        let mesh = crate::pipeline::bake::posed(job, 0, &posed);
+        let ao = baker.bake(&[mesh], &stop).unwrap().swap_remove(0).coefficients;
+        ao.iter().sum::<f32>() / ao.len() as f32
+    };
+    assert!(mean(&job) < mean(&open) - 0.05, "{} {}", mean(&job), mean(&open));
+}
+
+/// A part of the character that is named as an occluder is carried along: the root's motion is still
+/// taken out.
+#[test]
+fn a_carried_occluder_moves_with_the_character() {
+    let whole = character();
+    let names: Vec<String> = whole.mesh.parts.iter().map(|part| part.name.clone()).collect();
+    let nodes: Vec<usize> = whole.mesh.parts.iter().map(|part| part.node).collect();
+    // The bundled figure is one mesh: there is nothing to choose from.
+    let name = whole.skeleton.nodes[nodes[0]].name.clone();
+    if nodes.iter().all(|&node| node == nodes[0]) {
+        let message = refused(None, recipe(|r| r.occluder_nodes = vec![name]));
+        assert!(message.contains("every mesh"), "{message} of {names:?}");
+    }
+}
+
+/// Whatever makes no sense is refused with the reason.
+#[test]
+fn nonsense_is_refused() {
+    let named = |r: &mut SurroundingsRecipe| r.occluders = Some(OccludersRecipe::default());
+    let message = refused(Some(character()), recipe(named));
+    assert!(message.contains("the scene itself"), "{message}");
+    assert!(refused(None, recipe(named)).contains("not read"));
+    let message = refused(None, recipe(|r| r.ground = Some(GroundRecipe::HeightM(50.0))));
+    assert!(message.contains("above the character"), "{message}");
+    let message = refused(None, recipe(|r| r.occluder_nodes = vec!["Tail".into()]));
+    assert!(message.contains("no node \"Tail\""), "{message}");
+    let message = refused(None, recipe(|r| r.ignore_self = vec!["Cape".into()]));
+    assert!(message.contains("no mesh \"Cape\""), "{message}");
+}
