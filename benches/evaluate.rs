@@ -15,7 +15,8 @@ use faer::{Accum, Mat, MatRef, Par};
 use glam::Quat;
 use poselight::model::{
     ColumnHeader, Decoder, FORMAT_VERSION, Family, Frame, Header, MeshIdentity, Model, NodeHeader,
-    Precision, Provenance, RigHeader, Signal, SourceHeader, TrainingSummary, WeightHeader,
+    Precision, Provenance, RigHeader, RootMotionHeader, Signal, SourceHeader, TrainingSummary,
+    WeightHeader,
 };
 use poselight::num::cpu::Isa;
 use poselight::num::kernels::{Layout, exercise, exercise_operations};
@@ -81,6 +82,7 @@ fn rig() -> RigHeader {
             .collect(),
         size_m: 1.0,
         dropped: Vec::new(),
+        root_motion: RootMotionHeader::Rigid,
     }
 }
 
