@@ -2,7 +2,6 @@ use std::sync::atomic::AtomicBool;
 
 use super::*;
 use crate::dataset::Dataset;
-use crate::pipeline::bake::posed as named;
 use crate::pipeline::recipe::SignalName;
 use crate::pipeline::recipe::surroundings::OccludersRecipe;
 use crate::pipeline::{Job, Watch, bake, bake_reference};
@@ -92,7 +91,7 @@ fn occluders_survive_the_data_set() {
     let mean = |job: &Job| {
         let baker = job.baker(&job.checked.bake).unwrap();
         let posed = job.traced(0);
-        let mesh = named(job, 0, &posed);
+        let mesh = bake::posed(job, 0, &posed);
         let ao = baker.bake(&[mesh], &stop).unwrap().swap_remove(0).coefficients;
         ao.iter().sum::<f32>() / ao.len() as f32
     };
