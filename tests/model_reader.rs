@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use poselight::model::{
+    Cluster, Clustered, Form, Multilinear,
     ColumnHeader, Decoder, FORMAT_VERSION, Family, Frame, Header, MeshIdentity, Model, NodeHeader,
     Precision, Provenance, RigHeader, RootMotionHeader, Signal, SourceHeader, TrainingSummary,
     WeightHeader,
@@ -76,7 +77,8 @@ fn rig() -> RigHeader {
 }
 
 fn model(family: Family) -> Model {
-    let retained = if family == Family::PcaLinear { INPUTS } else { 0 };
+    let own = matches!(family, Family::Mean | Family::Linear | Family::Multilinear);
+    let retained = if own { 0 } else { INPUTS };
     let header = Header {
         format_version: FORMAT_VERSION,
         family,
@@ -114,9 +116,48 @@ fn model(family: Family) -> Model {
             coefficients: numbers(5, WIDTH * (INPUTS + 1) * OUTPUTS),
             basis: numbers(6, POINTS * OUTPUTS),
         },
+        Family::Multilinear => Decoder::Multilinear(multilinear(mean)),
+        Family::ClusteredLinear => Decoder::Clustered(clustered(Form::Linear, INPUTS, 0)),
+        Family::ClusteredQuadratic => {
+            let features = INPUTS + INPUTS * (INPUTS + 1) / 2;
+            Decoder::Clustered(clustered(Form::Quadratic, features, 0))
+        }
+        Family::ClusteredTanh => Decoder::Clustered(clustered(Form::Tanh, 5, 5)),
     };
     let points = (0..VERTICES).map(|vertex| (vertex * 7 % POINTS) as u32).collect();
     Model::new(header, decoder, points, vec![0; POINTS]).expect("a valid model")
+}
+
+/// Three pose clusters whose points share four rows about a mean.
+fn multilinear(mean: Vec<f32>) -> Multilinear {
+    Multilinear {
+        blend_exponent: 3.0,
+        inputs: INPUTS,
+        intercepts: true,
+        centres: numbers(10, 3 * PARAMETERS),
+        projection: numbers(11, PARAMETERS * 3 * INPUTS),
+        mean,
+        coefficients: numbers(12, 4 * 3 * WIDTH * (INPUTS + 1)),
+        row_of_point: (0..3 * POINTS).map(|i| (i * 3 % 4) as u32).collect(),
+    }
+}
+
+/// Two clusters, the second without outputs.
+fn clustered(form: Form, features: usize, neurons: usize) -> Clustered {
+    let count = |cluster: usize| (0..POINTS).filter(|point| point % 2 == cluster).count();
+    let first = Cluster {
+        outputs: 3,
+        basis: numbers(13, count(0) * WIDTH * 4),
+        weights: numbers(14, 3 * (features + 1)),
+        hidden: numbers(15, neurons * (INPUTS + 1)),
+    };
+    let second = Cluster { basis: numbers(16, count(1) * WIDTH), ..Cluster::default() };
+    Clustered {
+        form,
+        projection: numbers(4, PARAMETERS * INPUTS),
+        cluster_of_point: (0..POINTS).map(|point| (point % 2) as u32).collect(),
+        clusters: vec![first, second],
+    }
 }
 
 /// Our own evaluation of the bytes, at the vertices.

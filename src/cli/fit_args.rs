@@ -13,7 +13,7 @@ pub(crate) struct FitFlags {
     /// The model family [default: pca-linear].
     #[arg(long, value_enum)]
     family: Option<FamilyArg>,
-    /// Pose dimensions of pca-linear [default: 8, or as many as there are].
+    /// Pose dimensions of pca-linear and multilinear [default: 8, or as many as there are].
     #[arg(long, value_name = "N")]
     inputs: Option<u32>,
     /// Output dimensions of pca-linear [default: 22, or as many as there are].
@@ -25,6 +25,22 @@ pub(crate) struct FitFlags {
     /// Instead of --outputs: keep this share of the signal's energy.
     #[arg(long, value_name = "SHARE", conflicts_with = "outputs")]
     retain_outputs: Option<f64>,
+    /// Pose clusters of multilinear [default: 10]; clusters of points of the clustered families
+    /// [default: as many as the skin weights have].
+    #[arg(long, value_name = "N")]
+    clusters: Option<u32>,
+    /// Clusters of points that share coefficients in each pose cluster of multilinear.
+    #[arg(long, value_name = "N")]
+    point_clusters: Option<u32>,
+    /// Instead: as many clusters of points as it takes for this distance from their mean.
+    #[arg(long, value_name = "RMS", conflicts_with = "point_clusters")]
+    point_threshold: Option<f64>,
+    /// Multilinear without intercepts, as it was published.
+    #[arg(long)]
+    published: bool,
+    /// Exponent of the blend of multilinear [default: 10].
+    #[arg(long, value_name = "ALPHA")]
+    blend_exponent: Option<f64>,
     /// The frame in which coefficients are modelled [default: bone].
     #[arg(long, value_enum)]
     frame: Option<FrameArg>,
@@ -47,6 +63,7 @@ enum FamilyArg {
     Mean,
     Linear,
     PcaLinear,
+    Multilinear,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -107,6 +124,11 @@ impl FitFlags {
         fit.outputs = self.outputs.or(fit.outputs);
         fit.retain_inputs = self.retain_inputs.or(fit.retain_inputs);
         fit.retain_outputs = self.retain_outputs.or(fit.retain_outputs);
+        fit.clusters = self.clusters.or(fit.clusters);
+        fit.point_clusters = self.point_clusters.or(fit.point_clusters);
+        fit.point_threshold = self.point_threshold.or(fit.point_threshold);
+        fit.published |= self.published;
+        set(&mut fit.blend_exponent, self.blend_exponent);
         set(&mut fit.frame, self.frame);
         set(&mut fit.ridge, self.ridge);
         if self.alpha.is_some() {
@@ -118,7 +140,7 @@ impl FitFlags {
 }
 
 names! {
-    FamilyArg => FamilyName { Mean, Linear, PcaLinear }
+    FamilyArg => FamilyName { Mean, Linear, PcaLinear, Multilinear }
     FrameArg => FrameName { Root, Bone }
     RidgeArg => RidgeName { LeaveOneOut, LeaveOneClipOut, Fixed }
     OnArg => OnName { Novel, Trained }

@@ -81,6 +81,24 @@ pub enum Error {
         /// Rank of the rows of all poses and coefficients, as far as f32 tells.
         available: usize,
     },
+    /// More clusters than there is anything to put into them.
+    #[error("{asked} {what} were asked for; ask for 1 to {available}")]
+    Clusters {
+        /// `pose clusters` or `clusters of points`.
+        what: &'static str,
+        /// From the settings.
+        asked: usize,
+        /// Poses or points of the training set.
+        available: usize,
+    },
+    /// A setting that is out of its range.
+    #[error("the {what} is {found}, which is out of its range")]
+    Number {
+        /// Which.
+        what: &'static str,
+        /// The value.
+        found: f64,
+    },
     /// A coefficient count that is no square cannot be turned with a bone.
     #[error(
         "the data have {found} coefficients, which are no spherical harmonics of order 1 to 10 \

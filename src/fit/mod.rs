@@ -13,10 +13,13 @@ mod design;
 mod error;
 mod folds;
 mod frame;
+mod greedy_split;
+mod k_means;
 mod leave_out;
 mod linear;
 mod mean;
 mod moments;
+mod multilinear;
 mod output_basis;
 mod pca_linear;
 mod report;
@@ -26,6 +29,7 @@ mod source;
 mod tall_qr;
 
 pub use error::Error;
+pub use multilinear::{MultilinearSizes, PointClusters};
 pub use report::FitReport;
 
 use crate::dataset::Training;
@@ -55,6 +59,8 @@ pub enum Family {
         /// mean is stored apart from the basis.
         outputs: f64,
     },
+    /// Ridges around several poses, blended (AO07).
+    Multilinear(MultilinearSizes),
 }
 
 /// How the regularisation α is chosen.
@@ -143,6 +149,9 @@ pub fn fit(training: &Training<'_>, settings: &Settings) -> Result<Fitted, Error
         Family::PcaRetaining { inputs, outputs } => {
             let sizes = pca_linear::Sizes::Retaining { inputs, outputs };
             pca_linear::fit(&source, &regression, sizes, settings.seed, &mut clock)?
+        }
+        Family::Multilinear(sizes) => {
+            multilinear::fit(&source, training, &design, sizes, settings, &mut clock)?
         }
     };
     Ok(fitted.finish(clock))

@@ -1,7 +1,7 @@
 //! The decoders: the large linear part of each family, as a fit hands it over and a blob holds it.
 
 use super::header::{check_finite, field, limits, within};
-use super::{Error, Family, Header};
+use super::{Cluster, Clustered, Error, Family, Header, Multilinear};
 
 /// The numbers of a model, in plain row order.
 ///
@@ -30,6 +30,10 @@ pub enum Decoder {
         /// `[point, d_out]`.
         basis: Vec<f32>,
     },
+    /// Local linear models of several pose clusters, blended.
+    Multilinear(Multilinear),
+    /// Small maps of the reduced pose for each cluster of points.
+    Clustered(Clustered),
 }
 
 /// The sizes that shape a decoder's arrays.
@@ -41,35 +45,38 @@ pub struct Shape {
     pub width: usize,
     /// Pose parameters.
     pub parameters: usize,
-    /// d_in of `pca-linear`, else 0.
+    /// d_in of `pca-linear`, d of `multilinear` and `clustered`, else 0.
     pub inputs: usize,
     /// d_out of `pca-linear`, else 0.
     pub outputs: usize,
 }
 
 impl Shape {
-    /// How many numbers a family stores for these sizes; times 4, 2 or 1 bytes it is the size of
-    /// the model's tensors. For `pca-linear` v·d_out + c·(d_in+1)·d_out + a·d_in, MATH.md §5.
+    /// How many numbers `mean`, `linear` and `pca-linear` store for these sizes; times 4, 2 or 1
+    /// bytes it is the size of the model's tensors. For `pca-linear` v·d_out + c·(d_in+1)·d_out +
+    /// a·d_in, MATH.md §5. The other families have more sizes: [`super::Model::numbers`].
     #[must_use]
-    pub fn numbers(&self, family: Family) -> u64 {
+    pub fn numbers(&self, family: Family) -> Option<u64> {
         let [v, c, a, d_in, d_out] =
             [self.points, self.width, self.parameters, self.inputs, self.outputs].map(|n| n as u64);
         match family {
-            Family::Mean => v * c,
-            Family::Linear => v * c * (a + 1),
-            Family::PcaLinear => v * d_out + c * (d_in + 1) * d_out + a * d_in,
+            Family::Mean => Some(v * c),
+            Family::Linear => Some(v * c * (a + 1)),
+            Family::PcaLinear => Some(v * d_out + c * (d_in + 1) * d_out + a * d_in),
+            _ => None,
         }
     }
 
-    /// Multiply-adds of one evaluation of all points and coefficients.
+    /// Multiply-adds of one evaluation of all points and coefficients, for the same families.
     #[must_use]
-    pub fn multiply_adds(&self, family: Family) -> u64 {
+    pub fn multiply_adds(&self, family: Family) -> Option<u64> {
         let [v, c, a, d_in, d_out] =
             [self.points, self.width, self.parameters, self.inputs, self.outputs].map(|n| n as u64);
         match family {
-            Family::Mean => 0,
-            Family::Linear => v * c * a,
-            Family::PcaLinear => v * c * d_out + c * (d_in + 1) * d_out + a * d_in,
+            Family::Mean => Some(0),
+            Family::Linear => Some(v * c * a),
+            Family::PcaLinear => Some(v * c * d_out + c * (d_in + 1) * d_out + a * d_in),
+            _ => None,
         }
     }
 }
@@ -82,7 +89,38 @@ impl Decoder {
             Self::Mean { .. } => Family::Mean,
             Self::Linear { .. } => Family::Linear,
             Self::PcaLinear { .. } => Family::PcaLinear,
+            Self::Multilinear(_) => Family::Multilinear,
+            Self::Clustered(clustered) => clustered.form.family(),
         }
+    }
+
+    /// What takes parameters to the retained subspace, `[parameter, direction]`, in the families
+    /// that have it.
+    pub(super) fn projection(&self) -> Option<&[f32]> {
+        match self {
+            Self::PcaLinear { projection, .. } => Some(projection),
+            Self::Clustered(clustered) => Some(&clustered.projection),
+            Self::Mean { .. } | Self::Linear { .. } | Self::Multilinear(_) => None,
+        }
+    }
+
+    /// How many numbers it holds, maps not counted.
+    pub(super) fn numbers(&self) -> u64 {
+        let count = match self {
+            Self::Mean { mean } => mean.len(),
+            Self::Linear { mean, weights } => mean.len() + weights.len(),
+            Self::PcaLinear { projection, coefficients, basis } => {
+                projection.len() + coefficients.len() + basis.len()
+            }
+            Self::Multilinear(m) => {
+                1 + m.centres.len() + m.projection.len() + m.mean.len() + m.coefficients.len()
+            }
+            Self::Clustered(c) => {
+                let cluster = |c: &Cluster| c.basis.len() + c.weights.len() + c.hidden.len();
+                c.projection.len() + c.clusters.iter().map(cluster).sum::<usize>()
+            }
+        };
+        count as u64
     }
 
     /// The shape that header and array lengths agree on, after checking that they do and that
@@ -97,6 +135,8 @@ impl Decoder {
         let (width, parameters) = (header.width(), header.parameters());
         let mut shape = Shape { points, width, parameters, inputs: 0, outputs: 0 };
         match self {
+            Self::Multilinear(multilinear) => return multilinear.check(header),
+            Self::Clustered(clustered) => return clustered.check(header),
             Self::Mean { mean } => check_array("mean", mean, points * width)?,
             Self::Linear { mean, weights } => {
                 check_array("mean", mean, points * width)?;
@@ -132,14 +172,19 @@ fn check_array(name: &str, values: &[f32], expected: usize) -> Result<(), Error>
 mod tests {
     use super::*;
 
+    fn numbers(shape: &Shape, family: Family) -> u64 {
+        shape.numbers(family).unwrap()
+    }
+
     /// The size formula gives the published share of one mesh's coefficients for P(8,22):
     /// 62.9 % (PRT07 table 2; 11,534 vertices, 54 joint angles, order 6).
     #[test]
     fn published_size_is_reproduced() {
         let shape = Shape { points: 11_534, width: 36, parameters: 54, inputs: 8, outputs: 22 };
-        let share = shape.numbers(Family::PcaLinear) as f64 / shape.numbers(Family::Mean) as f64;
+        let share =
+            numbers(&shape, Family::PcaLinear) as f64 / numbers(&shape, Family::Mean) as f64;
         assert_eq!((share * 1000.0).round(), 629.0);
-        let bytes = 4 * shape.numbers(Family::PcaLinear);
+        let bytes = 4 * numbers(&shape, Family::PcaLinear);
         assert_eq!(bytes, 4 * (11_534 * 22 + 36 * 9 * 22 + 54 * 8));
     }
 
@@ -148,8 +193,8 @@ mod tests {
     #[test]
     fn other_published_sizes_are_reproduced() {
         let shape = Shape { points: 11_534, width: 36, parameters: 54, inputs: 15, outputs: 500 };
-        let mesh = shape.numbers(Family::Mean) as f64;
-        assert_eq!((shape.numbers(Family::PcaLinear) as f64 / mesh * 100.0).round(), 1458.0);
-        assert_eq!(shape.numbers(Family::Linear) as f64 / mesh, 55.0);
+        let mesh = numbers(&shape, Family::Mean) as f64;
+        assert_eq!((numbers(&shape, Family::PcaLinear) as f64 / mesh * 100.0).round(), 1458.0);
+        assert_eq!(numbers(&shape, Family::Linear) as f64 / mesh, 55.0);
     }
 }

@@ -52,6 +52,9 @@ impl Model {
         match &*self.core {
             Core::Mean(mean) => copy_mean(mean, self.shape.width, points, layout, out),
             Core::Linear(panels) => self.linear(isa, panels, parameters, points, layout, out),
+            Core::Multilinear(_) | Core::Clustered(_) => {
+                self.whole(isa, parameters, points, layout, out);
+            }
             Core::PcaLinear { basis, .. } => {
                 let reduced = self.reduced(isa, parameters);
                 let width = self.shape.width;
@@ -107,6 +110,24 @@ impl Model {
         }
     }
 
+    /// For families whose points share work: all points, of which the listed ones are kept.
+    fn whole(
+        &self,
+        isa: Isa,
+        parameters: &[f32],
+        points: Option<&[u32]>,
+        layout: Layout,
+        out: &mut [f32],
+    ) {
+        let width = self.shape.width;
+        if points.is_none() && layout == Layout::Rows {
+            return self.core.rows(isa, &self.header.training.centre, parameters, out);
+        }
+        let mut rows = vec![0.0; self.shape.points * width];
+        self.core.rows(isa, &self.header.training.centre, parameters, &mut rows);
+        copy_mean(&rows, width, points, layout, out);
+    }
+
     pub(super) fn check_parameters(&self, parameters: &[f32]) -> Result<(), Error> {
         check_length("parameters", parameters.len(), self.shape.parameters)?;
         check_finite("parameters", parameters)
@@ -124,10 +145,22 @@ impl Model {
     }
 }
 
+impl Core {
+    /// `[point, width]` of all points, for families whose points share work; the others do
+    /// nothing.
+    pub(super) fn rows(&self, isa: Isa, centre: &[f32], parameters: &[f32], out: &mut [f32]) {
+        match self {
+            Self::Multilinear(core) => core.evaluate(isa, parameters, out),
+            Self::Clustered(core) => core.evaluate(isa, centre, parameters, out),
+            Self::Mean(_) | Self::Linear(_) | Self::PcaLinear { .. } => {}
+        }
+    }
+}
+
 /// φ: the encoder's features, the constant 1 last. Empty for `mean`.
 pub(super) fn features(core: &Core, centre: &[f32], parameters: &[f32]) -> Vec<f32> {
     let mut features: Vec<f32> = match core {
-        Core::Mean(_) => return Vec::new(),
+        Core::Mean(_) | Core::Multilinear(_) | Core::Clustered(_) => return Vec::new(),
         Core::Linear(_) => parameters.iter().zip(centre).map(|(x, c)| x - c).collect(),
         Core::PcaLinear { projection, coefficients, .. } => {
             let inputs = coefficients.inner() - 1;

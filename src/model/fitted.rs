@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::distance::Subspace;
 use super::header::{check_index, field, limits, within};
 use super::rig::Rig;
-use super::{Decoder, Error, Frame, Header, Shape, Signal};
+use super::{Decoder, Error, Frame, Header, Shape, Signal, clustered, multilinear};
 use crate::num::panels::{Groups, Panels};
 
 /// A fitted model: pose parameters in, the signal at every point out.
@@ -40,6 +40,8 @@ pub(super) enum Core {
         /// Bones of the points, where the coefficients' axes turn with them.
         groups: Option<Groups>,
     },
+    Multilinear(multilinear::Core),
+    Clustered(clustered::Core),
 }
 
 impl Core {
@@ -61,6 +63,8 @@ impl Core {
                 basis: Panels::new(points, outputs, |row, j| basis[row * outputs + j]),
                 groups,
             },
+            Decoder::Multilinear(parts) => Self::Multilinear(multilinear::Core::new(parts, shape)),
+            Decoder::Clustered(parts) => Self::Clustered(clustered::Core::new(parts, shape)),
         }
     }
 }
@@ -83,14 +87,14 @@ impl Model {
         header.check()?;
         let shape = decoder.check(&header)?;
         let bone_of_point = check_maps(&header, &point_of_vertex, bone_of_point)?;
-        let projection = match &decoder {
-            Decoder::PcaLinear { projection, .. } => {
+        let projection = match decoder.projection() {
+            Some(projection) => {
                 if !header.training.directions.is_empty() {
-                    return Err(field("training.directions", "pca-linear has its projection"));
+                    return Err(field("training.directions", "the family has its projection"));
                 }
-                projection.as_slice()
+                projection
             }
-            Decoder::Mean { .. } | Decoder::Linear { .. } => &header.training.directions,
+            None => &header.training.directions,
         };
         let subspace = Subspace::new(&header.training, projection)?;
         let turns = header.frame == Frame::Bone && header.signal != Signal::Ao;
@@ -115,6 +119,23 @@ impl Model {
     #[must_use]
     pub fn shape(&self) -> Shape {
         self.shape
+    }
+
+    /// How many numbers its tensors hold, scales and maps not counted.
+    #[must_use]
+    pub fn numbers(&self) -> u64 {
+        self.shape.numbers(self.header.family).unwrap_or_else(|| self.decoder().numbers())
+    }
+
+    /// Multiply-adds of one evaluation of all points and coefficients; where pose clusters are
+    /// blended, with all of them.
+    #[must_use]
+    pub fn multiply_adds(&self) -> u64 {
+        match &*self.core {
+            Core::Multilinear(core) => core.multiply_adds(),
+            Core::Clustered(core) => core.multiply_adds(self.shape.parameters),
+            _ => self.shape.multiply_adds(self.header.family).unwrap_or(0),
+        }
     }
 
     /// Which point each vertex of the scene takes its values from.
@@ -152,6 +173,8 @@ impl Model {
                     basis: unpack(basis, points, outputs),
                 }
             }
+            Core::Multilinear(core) => Decoder::Multilinear(core.parts()),
+            Core::Clustered(core) => Decoder::Clustered(core.parts()),
         }
     }
 }

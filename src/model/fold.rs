@@ -17,10 +17,21 @@ use crate::sh::{MAX_COEFFICIENTS, Rotation};
 pub struct Folded {
     model: Model,
     colours: usize,
+    factors: Factors,
+}
+
+/// What is left of a decoder under a light.
+#[derive(Debug, Clone)]
+enum Factors {
     /// `mean` and `linear`: rows `[point, colour]`, inner as in the model. `pca-linear`: rows
     /// `[d_out, colour]`, or `[colour, bone, d_out]` where the axes turn with bones; inner d_in+1.
-    factors: Panels,
+    Panels(Panels),
+    /// The family's own form with colours in place of coefficients.
+    Core(Core),
 }
+
+/// The light of a colour at a point, times a vector over the width.
+pub(super) type Dot<'a> = dyn Fn(usize, usize, &dyn Fn(usize) -> f32) -> f32 + 'a;
 
 /// A light as the model meets it: in the frame of each bone, or once where nothing turns.
 struct Lights {
@@ -83,7 +94,7 @@ impl Model {
     /// Otherwise they are not looked at.
     ///
     /// Costs d_out · (d_in + 1) · c multiply-adds per bone for `pca-linear`, points · c · (a + 1)
-    /// for `linear`, points · c for `mean`.
+    /// for `linear`, points · c for `mean`, every number of the decoder for the others.
     ///
     /// # Errors
     /// [`Error::CannotFold`] for `visibility`; [`Error::Length`], [`Error::NotFinite`],
@@ -93,7 +104,18 @@ impl Model {
         let Shape { points, width, inputs, outputs, .. } = self.shape;
         let colours = lights.colours;
         let bone = |point: usize| self.bone(point);
+        let dot = |point: usize, colour: usize, value: &dyn Fn(usize) -> f32| {
+            lights.dot(bone(point), colour, value)
+        };
         let factors = match &*self.core {
+            Core::Multilinear(core) => {
+                let core = Core::Multilinear(core.fold(colours, &dot));
+                return Ok(Folded { model: self.clone(), colours, factors: Factors::Core(core) });
+            }
+            Core::Clustered(core) => {
+                let core = Core::Clustered(core.fold(colours, &dot));
+                return Ok(Folded { model: self.clone(), colours, factors: Factors::Core(core) });
+            }
             Core::Mean(mean) => Panels::new(points * colours, 1, |row, _| {
                 let (point, colour) = (row / colours, row % colours);
                 lights.dot(bone(point), colour, |c| mean[point * width + c])
@@ -110,7 +132,7 @@ impl Model {
                 })
             }
         };
-        Ok(Folded { model: self.clone(), colours, factors })
+        Ok(Folded { model: self.clone(), colours, factors: Factors::Panels(factors) })
     }
 
     /// One frame under a light that turns against the model's frame: `[point, colour]`, the same
@@ -237,17 +259,24 @@ impl Folded {
     pub fn evaluate(&self, parameters: &[f32], out: &mut [f32]) -> Result<(), Error> {
         self.model.check_parameters(parameters)?;
         check_length("output", out.len(), self.model.shape.points * self.colours)?;
+        let (isa, centre) = (Isa::best(), &self.model.header.training.centre);
+        let panels = match &self.factors {
+            Factors::Panels(panels) => panels,
+            Factors::Core(core) => {
+                core.rows(isa, centre, parameters, out);
+                return Ok(());
+            }
+        };
         let features = match &*self.model.core {
             Core::Mean(_) => vec![1.0],
-            core => features(core, &self.model.header.training.centre, parameters),
+            core => features(core, centre, parameters),
         };
-        let isa = Isa::best();
         if let Core::PcaLinear { .. } = &*self.model.core {
-            let mut factors = vec![0.0; self.factors.rows()];
-            multiply(isa, &self.factors, &features, 1, Layout::Rows, &mut factors);
+            let mut factors = vec![0.0; panels.rows()];
+            multiply(isa, panels, &features, 1, Layout::Rows, &mut factors);
             self.model.expand(&factors, self.colours, out);
         } else {
-            multiply(isa, &self.factors, &features, 1, Layout::Rows, out);
+            multiply(isa, panels, &features, 1, Layout::Rows, out);
         }
         Ok(())
     }

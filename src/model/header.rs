@@ -20,7 +20,9 @@ pub mod limits {
     pub const POINTS: u64 = 1 << 26;
     /// Pose parameters.
     pub const PARAMETERS: u64 = 1 << 14;
-    /// Output dimensions of `pca-linear`.
+    /// Clusters of poses or of points.
+    pub const CLUSTERS: u64 = 1 << 12;
+    /// Output dimensions of `pca-linear`, or of a cluster.
     pub const OUTPUTS: u64 = 1 << 12;
     /// Nodes of the rig.
     pub const NODES: u64 = 1 << 16;
@@ -73,6 +75,14 @@ named! {
         Linear = "linear",
         /// Ridge between principal components of poses and of outputs.
         PcaLinear = "pca-linear",
+        /// Local ridges around several poses, blended.
+        Multilinear = "multilinear",
+        /// Clusters of points, each linear in the reduced pose.
+        ClusteredLinear = "clustered-linear",
+        /// Clusters of points, each quadratic in the reduced pose.
+        ClusteredQuadratic = "clustered-quadratic",
+        /// Clusters of points, each with tanh neurons.
+        ClusteredTanh = "clustered-tanh",
     }
 }
 

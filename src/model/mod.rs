@@ -8,6 +8,7 @@
 //! *Invariant:* a blob may come from anybody; every field is checked before it is used.
 
 mod blob;
+mod clustered;
 mod decoder;
 mod distance;
 mod error;
@@ -16,6 +17,7 @@ mod fitted;
 mod fold;
 mod frame;
 mod header;
+mod multilinear;
 mod pose;
 mod rig;
 mod rig_header;
@@ -23,6 +25,7 @@ mod rig_header;
 mod synthetic;
 
 pub use blob::Sizes;
+pub use clustered::{Cluster, Clustered, Form};
 pub use decoder::{Decoder, Shape};
 pub use distance::Distance;
 pub use error::Error;
@@ -32,6 +35,7 @@ pub use header::{
     FORMAT_VERSION, Family, Frame, Header, MeshIdentity, PartRange, Precision, Provenance, Signal,
     TrainingSummary, limits,
 };
+pub use multilinear::Multilinear;
 pub use pose::{JointPose, JointTransform};
 pub use rig_header::{
     ColumnHeader, NodeHeader, RigHeader, RootMotionHeader, SourceHeader, WeightHeader,

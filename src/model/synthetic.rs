@@ -3,8 +3,8 @@
 use glam::{Quat, Vec3};
 
 use super::{
-    Decoder, Family, Frame, Header, MeshIdentity, Model, PartRange, Precision, Provenance,
-    RigHeader, Signal, TrainingSummary,
+    Cluster, Clustered, Decoder, Family, Form, Frame, Header, MeshIdentity, Model, Multilinear,
+    PartRange, Precision, Provenance, RigHeader, Signal, TrainingSummary,
 };
 use crate::num::random::Stream;
 use crate::rig::{Bones, Column, Node, Parametrisation, RootMotion, Skeleton, Source, Transform};
@@ -74,6 +74,7 @@ pub(super) fn rig() -> RigHeader {
 
 pub(super) fn header(family: Family, signal: Signal, frame: Frame, channels: u8) -> Header {
     let retained = if family == Family::Mean { 0 } else { 2 };
+    let own_directions = matches!(family, Family::Linear | Family::Multilinear);
     Header {
         format_version: super::FORMAT_VERSION,
         family,
@@ -110,11 +111,7 @@ pub(super) fn header(family: Family, signal: Signal, frame: Frame, channels: u8)
             centre: vec![0.5, -0.25, 0.125, 0.0, 0.1, 0.3],
             deviations: vec![0.75, 0.5][..retained].to_vec(),
             residual_rms: 0.0625,
-            directions: if family == Family::Linear {
-                numbers(9, PARAMETERS * retained)
-            } else {
-                Vec::new()
-            },
+            directions: if own_directions { numbers(9, PARAMETERS * retained) } else { Vec::new() },
         },
         errors: [("rmse".to_owned(), serde_json::json!({"novel": 0.0125}))].into(),
         provenance: Provenance {
@@ -138,7 +135,51 @@ pub(super) fn decoder(header: &Header) -> Decoder {
             coefficients: numbers(4, width * 3 * 5),
             basis: numbers(5, POINTS * 5),
         },
+        Family::Multilinear => Decoder::Multilinear(multilinear(header)),
+        Family::ClusteredLinear => Decoder::Clustered(clustered(width, Form::Linear)),
+        Family::ClusteredQuadratic => Decoder::Clustered(clustered(width, Form::Quadratic)),
+        Family::ClusteredTanh => Decoder::Clustered(clustered(width, Form::Tanh)),
     }
+}
+
+/// Three pose clusters of two dimensions. In the bone frame the points have rows of their own with
+/// intercepts; in the root frame they share eight rows about a mean, as published.
+fn multilinear(header: &Header) -> Multilinear {
+    let width = header.width();
+    let own = header.frame == Frame::Bone;
+    let (rows, inner) = if own { (POINTS, 3) } else { (8, 2) };
+    Multilinear {
+        blend_exponent: 2.0,
+        inputs: 2,
+        intercepts: own,
+        centres: numbers(6, 3 * PARAMETERS),
+        projection: numbers(7, PARAMETERS * 3 * 2),
+        mean: if own { Vec::new() } else { numbers(8, POINTS * width) },
+        coefficients: numbers(10, rows * 3 * width * inner),
+        row_of_point: match own {
+            true => Vec::new(),
+            false => (0..3 * POINTS).map(|i| (i * 5 % 8) as u32).collect(),
+        },
+    }
+}
+
+/// Four clusters with 0 to 3 outputs, of which the second has no points.
+fn clustered(width: usize, form: Form) -> Clustered {
+    let cluster_of_point: Vec<u32> = (0..POINTS).map(|p| [0, 2, 3][p * 7 % 3]).collect();
+    let cluster = |i: usize| {
+        let count = cluster_of_point.iter().filter(|&&c| c as usize == i).count();
+        let neurons = if form == Form::Tanh && i > 0 { i + 1 } else { 0 };
+        let features = form.count(2, neurons) + 1;
+        let seed = 20 + 3 * i as u64;
+        Cluster {
+            outputs: i,
+            basis: numbers(seed, count * width * (i + 1)),
+            weights: numbers(seed + 1, i * features),
+            hidden: numbers(seed + 2, neurons * 3),
+        }
+    };
+    let clusters = (0..4).map(cluster).collect();
+    Clustered { form, projection: numbers(3, PARAMETERS * 2), cluster_of_point, clusters }
 }
 
 pub(super) fn maps() -> (Vec<u32>, Vec<u16>) {

@@ -47,7 +47,81 @@ fn oracle(model: &Model, parameters: &[f32]) -> Vec<f64> {
             }
             out
         }
+        Decoder::Multilinear(m) => multilinear_oracle(&m, shape, parameters),
+        Decoder::Clustered(c) => clustered_oracle(&c, shape, centre, parameters),
     }
+}
+
+/// AO07 equations 4 and 5 as they are printed, with the intercept where there is one.
+fn multilinear_oracle(m: &Multilinear, shape: Shape, parameters: &[f32]) -> Vec<f64> {
+    let f = |x: f32| f64::from(x);
+    let Shape { points, width, parameters: a, .. } = shape;
+    let (clusters, inner) = (m.centres.len() / a, m.inputs + usize::from(m.intercepts));
+    let offset = |j: usize, i: usize| f(parameters[i]) - f(m.centres[j * a + i]);
+    let inverse = |j: usize| {
+        let square: f64 = (0..a).map(|i| offset(j, i).powi(2)).sum();
+        square.sqrt().powf(-f(m.blend_exponent))
+    };
+    let sum: f64 = (0..clusters).map(inverse).sum();
+    let mut out = vec![0.0; points * width];
+    for (at, out) in out.iter_mut().enumerate() {
+        let (point, c) = (at / width, at % width);
+        *out = m.mean.get(at).map_or(0.0, |&x| f(x));
+        for j in 0..clusters {
+            let row = m.row_of_point.get(j * points + point).map_or(point, |&row| row as usize);
+            let x = &m.coefficients[((row * clusters + j) * width + c) * inner..][..inner];
+            let projected = |k: usize| -> f64 {
+                (0..a)
+                    .map(|i| f(m.projection[(i * clusters + j) * m.inputs + k]) * offset(j, i))
+                    .sum()
+            };
+            let linear: f64 = (0..m.inputs).map(|k| f(x[k]) * projected(k)).sum();
+            *out += inverse(j) / sum * (linear + x.get(m.inputs).map_or(0.0, |&x| f(x)));
+        }
+    }
+    out
+}
+
+/// RPO09 equation 12 and its linear and quadratic counterparts.
+fn clustered_oracle(m: &Clustered, shape: Shape, centre: &[f32], x: &[f32]) -> Vec<f64> {
+    let f = |x: f32| f64::from(x);
+    let d = shape.inputs;
+    let reduced: Vec<f64> = (0..d)
+        .map(|k| (0..x.len()).map(|i| f(m.projection[i * d + k]) * (f(x[i]) - f(centre[i]))).sum())
+        .collect();
+    let mut out = vec![0.0; shape.points * shape.width];
+    let mut seen = vec![0; m.clusters.len()];
+    for (point, out) in out.chunks_exact_mut(shape.width).enumerate() {
+        let cluster = &m.clusters[m.cluster_of_point[point] as usize];
+        let first = &mut seen[m.cluster_of_point[point] as usize];
+        let mut features = match m.form {
+            Form::Tanh => Vec::new(),
+            Form::Linear | Form::Quadratic => reduced.clone(),
+        };
+        if m.form == Form::Quadratic {
+            features.extend(
+                (0..d)
+                    .flat_map(|i| (i..d).map(move |j| (i, j)))
+                    .map(|(i, j)| reduced[i] * reduced[j]),
+            );
+        }
+        for neuron in cluster.hidden.chunks_exact(d + 1) {
+            let sum: f64 = (0..d).map(|k| f(neuron[k]) * reduced[k]).sum();
+            features.push((sum + f(neuron[d])).tanh());
+        }
+        features.push(1.0);
+        let z = |k: usize| -> f64 {
+            let row = &cluster.weights[k * features.len()..][..features.len()];
+            row.iter().zip(&features).map(|(&w, x)| f(w) * x).sum()
+        };
+        let (k, basis) = (cluster.outputs, &cluster.basis);
+        for (c, out) in out.iter_mut().enumerate() {
+            let row = &basis[(*first * shape.width + c) * (k + 1)..][..k + 1];
+            *out = f(row[k]) + (0..k).map(|j| f(row[j]) * z(j)).sum::<f64>();
+        }
+        *first += 1;
+    }
+    out
 }
 
 fn evaluated(model: &Model, parameters: &[f32], points: Option<&[u32]>) -> Vec<f32> {

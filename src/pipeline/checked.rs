@@ -4,9 +4,9 @@ use std::fmt::Display;
 
 use super::recipe::surroundings::GroundRecipe;
 use super::recipe::{
-    BakeRecipe, DEFAULT_INPUTS, DEFAULT_OUTPUTS, DEFAULT_RETAINED, FamilyName, FitRecipe,
-    FrameName, OnName, ParametrisationName, PosesRecipe, PrecisionName, Recipe, RidgeName,
-    SignalName, TargetRecipe, VERSION,
+    BakeRecipe, DEFAULT_INPUTS, DEFAULT_OUTPUTS, DEFAULT_POSE_CLUSTERS, DEFAULT_RETAINED,
+    FamilyName, FitRecipe, FrameName, OnName, ParametrisationName, PosesRecipe, PrecisionName,
+    Recipe, RidgeName, SignalName, TargetRecipe, VERSION,
 };
 use crate::rig::ParametrisationKind;
 use crate::sh::Order;
@@ -153,6 +153,7 @@ fn checked_fit(fit: &FitRecipe, on: OnName) -> Result<fit::Settings, RecipeError
             Some((inputs, outputs)) => fit::Family::PcaRetaining { inputs, outputs },
             None => fit::Family::PcaLinear { inputs: inputs as usize, outputs: outputs as usize },
         },
+        FamilyName::Multilinear => fit::Family::Multilinear(multilinear(fit, inputs)?),
     };
     let ridge = match (fit.ridge, fit.alpha) {
         (RidgeName::LeaveOneOut, _) => fit::Ridge::LeaveOneOut,
@@ -176,6 +177,41 @@ fn checked_fit(fit: &FitRecipe, on: OnName) -> Result<fit::Settings, RecipeError
         OnName::Trained => fit::On::Trained,
     };
     Ok(fit::Settings { family, frame, ridge, on, seed: fit.seed })
+}
+
+fn multilinear(fit: &FitRecipe, inputs: u32) -> Result<fit::MultilinearSizes, RecipeError> {
+    let clusters = fit.clusters.unwrap_or(DEFAULT_POSE_CLUSTERS);
+    require((1..=4096).contains(&clusters), "fit.clusters", clusters, "it must be 1 to 4096")?;
+    let exponent = fit.blend_exponent;
+    require(
+        (0.0..=100.0).contains(&exponent),
+        "fit.blend_exponent",
+        exponent,
+        "it must be 0 to 100",
+    )?;
+    let points = match (fit.point_clusters, fit.point_threshold) {
+        (None, None) => fit::PointClusters::None,
+        (Some(count), None) => {
+            require(count > 0, "fit.point_clusters", count, "it must be at least 1")?;
+            fit::PointClusters::Count(count as usize)
+        }
+        (None, Some(threshold)) => {
+            let sound = threshold.is_finite() && threshold >= 0.0;
+            require(sound, "fit.point_threshold", threshold, "it must be 0 or more")?;
+            fit::PointClusters::Threshold(threshold)
+        }
+        (Some(_), Some(found)) => {
+            let expected = "a count is given too: leave one of them out";
+            return Err(error("fit.point_threshold", found, expected));
+        }
+    };
+    Ok(fit::MultilinearSizes {
+        clusters: clusters as usize,
+        inputs: inputs as usize,
+        points,
+        published: fit.published,
+        blend_exponent: exponent,
+    })
 }
 
 /// Shares of pose variance and output energy, where sizes are given by them.

@@ -117,8 +117,7 @@ impl Times {
 impl ModelFigures {
     pub(super) fn of(model: &Model, bytes: u64, report: &FitReport) -> Self {
         let header = model.header();
-        let shape = model.shape();
-        let tensor_bytes = shape.numbers(header.family) * header.precision.bytes();
+        let tensor_bytes = model.sizes(header.precision).decoder;
         let mesh_bytes = u64::from(header.mesh.points) * header.width() as u64 * 4;
         Self {
             family: header.family.name().to_owned(),
@@ -131,7 +130,7 @@ impl ModelFigures {
             inputs: report.inputs,
             outputs: report.outputs,
             alpha: report.alpha,
-            multiply_adds: shape.multiply_adds(header.family),
+            multiply_adds: model.multiply_adds(),
         }
     }
 }

@@ -182,6 +182,9 @@ pub enum SignalName {
 /// hold 90 % of the variance of 54 joint angles).
 pub const DEFAULT_INPUTS: u32 = 8;
 
+/// Pose clusters of `multilinear` where none are asked for (Kirk and Arikan 2007, table 1).
+pub const DEFAULT_POSE_CLUSTERS: u32 = 10;
+
 /// Share of variance that `pca-linear` keeps where only the other side's is asked for (§5 again).
 pub const DEFAULT_RETAINED: f64 = 0.9;
 
@@ -204,6 +207,19 @@ pub struct FitRecipe {
     pub retain_inputs: Option<f64>,
     /// Instead of `outputs`: the share of the signal's energy that `pca-linear` keeps, in (0, 1].
     pub retain_outputs: Option<f64>,
+    /// Pose clusters of `multilinear`, 1 to 4096, 10 when absent; clusters of points of the
+    /// `clustered` families, when absent as many as the skin weights have.
+    pub clusters: Option<u32>,
+    /// Clusters of points that share coefficients in each pose cluster of `multilinear`; when
+    /// absent every point has its own.
+    pub point_clusters: Option<u32>,
+    /// Instead of `point_clusters`: as many as it takes for this distance of every point from the
+    /// mean of its cluster, root mean square in the units of the signal.
+    pub point_threshold: Option<f64>,
+    /// `multilinear` without intercepts, as Kirk and Arikan print it.
+    pub published: bool,
+    /// Exponent of the blend of `multilinear`, 0 to 100.
+    pub blend_exponent: f64,
     /// How a pose becomes numbers, where it is not `poses.parametrisation`: needs no new bake.
     pub parametrisation: Option<ParametrisationName>,
     /// The frame in which coefficients are modelled.
@@ -224,6 +240,11 @@ impl Default for FitRecipe {
             outputs: None,
             retain_inputs: None,
             retain_outputs: None,
+            clusters: None,
+            point_clusters: None,
+            point_threshold: None,
+            published: false,
+            blend_exponent: 10.0,
             parametrisation: None,
             frame: FrameName::Bone,
             ridge: RidgeName::LeaveOneClipOut,
@@ -243,6 +264,8 @@ pub enum FamilyName {
     Linear,
     /// Linear between principal components of poses and of signals.
     PcaLinear,
+    /// Linear around each of several poses, blended (Kirk and Arikan 2007).
+    Multilinear,
 }
 
 /// Frames of coefficients by name.

@@ -133,11 +133,10 @@ fn model_facts(
 
 /// Bytes of the tensors, which is what the published sizes count: the model, then its precisions.
 fn precisions(model: &Model, figures: &Figures) -> Vec<(String, u64)> {
-    let numbers = model.shape().numbers(model.header().family);
     let own = model.header().precision;
     let smaller = Precision::ALL.iter().filter(|p| p.bytes() < own.bytes());
     std::iter::once(("model".to_owned(), figures.model.tensor_bytes))
-        .chain(smaller.map(|p| (p.name().to_owned(), numbers * p.bytes())))
+        .chain(smaller.map(|p| (p.name().to_owned(), model.sizes(*p).decoder)))
         .collect()
 }
 

@@ -99,6 +99,7 @@ fn predict(fitted: &Fitted, x: &[f32], coefficients: usize) -> Vec<f64> {
             };
             basis.chunks_exact(outputs).flat_map(point).collect()
         }
+        Decoder::Multilinear(_) | Decoder::Clustered(_) => panic!("tested by evaluation"),
     }
 }
 

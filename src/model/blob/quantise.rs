@@ -24,7 +24,7 @@ pub(super) fn encode(
             for (index, &value) in values.iter().enumerate() {
                 let half = f16::from_f32(value);
                 if !half.is_finite() {
-                    let tensor = entry.name.to_owned();
+                    let tensor = entry.name.clone().into_owned();
                     return Err(Error::NotRepresentable { tensor, index, value, precision });
                 }
                 bytes.extend(half.to_le_bytes());
@@ -44,7 +44,7 @@ fn encode_i8(entry: &Entry, values: &[f32]) -> Result<Encoded, Error> {
         let scale = &mut scales[entry.scale_of(index)];
         *scale = scale.max(scale_of(value));
         if !(*scale * 127.0).is_finite() {
-            let (tensor, precision) = (entry.name.to_owned(), Precision::I8);
+            let (tensor, precision) = (entry.name.clone().into_owned(), Precision::I8);
             return Err(Error::NotRepresentable { tensor, index, value, precision });
         }
     }
@@ -108,12 +108,12 @@ pub(super) fn index_values(bytes: &[u8], size: usize) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::super::super::{Family, Shape};
-    use super::super::layout::entries;
+    use super::super::layout::{Detail, entries};
     use super::*;
 
     fn basis() -> Entry {
         let shape = Shape { points: 5, width: 4, parameters: 3, inputs: 2, outputs: 2 };
-        entries(Family::PcaLinear, &shape).pop().unwrap()
+        entries(Family::PcaLinear, &shape, &Detail::Plain).pop().unwrap()
     }
 
     /// An 8-bit number is off by at most half a step of its own column, whatever the others hold,
@@ -151,7 +151,7 @@ mod tests {
     #[test]
     fn scales_follow_their_shape() {
         let shape = Shape { points: 5, width: 4, parameters: 3, inputs: 2, outputs: 2 };
-        let entries = entries(Family::PcaLinear, &shape);
+        let entries = entries(Family::PcaLinear, &shape, &Detail::Plain);
         let coefficients = &entries[1];
         assert_eq!(coefficients.scale_shape(), [4, 3, 1]);
         assert_eq!((coefficients.scale_of(0), coefficients.scale_of(1)), (0, 0));

@@ -6,11 +6,14 @@ use safetensors::tensor::TensorInfo;
 use safetensors::{Dtype, SafeTensors};
 use serde::Deserialize;
 
+use super::super::clustered::{self, Form};
 use super::super::header::{limits, within};
+use super::super::multilinear;
 use super::super::{Error, FORMAT_VERSION, Family, Frame, Header, Model, Precision, Shape};
 use super::layout::{
-    BASIS, BONE_OF_POINT, DIRECTIONS, Entry, POINT_OF_VERTEX, PROJECTION, decoder, entries,
-    index_dtype, number_dtype,
+    BASIS, BONE_OF_POINT, CLUSTER_OF_POINT, COEFFICIENTS, DIRECTIONS, Detail, Entry, MEAN,
+    POINT_OF_VERTEX, PROJECTION, ROW_OF_POINT, cluster_name, decoder, entries, index_dtype,
+    number_dtype,
 };
 use super::quantise::{decode, f32_values, index_values};
 
@@ -29,13 +32,15 @@ struct Version {
 pub(super) fn read(bytes: &[u8]) -> Result<Model, Error> {
     let (mut header, mut tensors) = open(bytes)?;
     header.check()?;
-    let shape = shape(&header, &tensors)?;
-    let arrays = entries(header.family, &shape)
+    let mut shape = shape(&header, &tensors)?;
+    let detail = detail(&header, &mut shape, &tensors)?;
+    let arrays = entries(header.family, &shape, &detail)
         .iter()
-        .map(|entry| tensors.numbers(entry, header.precision))
+        .map(|entry| tensors.numbers(entry, entry.precision(header.precision)))
         .collect::<Result<Vec<_>, _>>()?;
     let directions = header.training.deviations.len();
-    if header.family != Family::PcaLinear && directions > 0 {
+    let projected = header.family == Family::PcaLinear || Form::of(header.family).is_some();
+    if !projected && directions > 0 {
         let bytes = tensors.take(DIRECTIONS, Dtype::F32, &[shape.parameters, directions])?;
         header.training.directions = f32_values(bytes);
     }
@@ -49,8 +54,9 @@ pub(super) fn read(bytes: &[u8]) -> Result<Model, Error> {
             bones.into_iter().map(|bone| bone as u16).collect()
         }
     };
+    let map = own_map(&detail, &shape, &mut tensors)?;
     tensors.finish()?;
-    let decoder = decoder(header.family, arrays);
+    let decoder = decoder(header.family, &detail, arrays, map);
     Model::new(header, decoder, point_of_vertex, bone_of_point)
 }
 
@@ -94,7 +100,61 @@ fn shape(header: &Header, tensors: &Tensors<'_>) -> Result<Shape, Error> {
     Ok(shape)
 }
 
+/// The sizes that only the tensors of a family state. What they claim is checked with the model.
+fn detail(header: &Header, shape: &mut Shape, tensors: &Tensors<'_>) -> Result<Detail, Error> {
+    let has = |name: &str| tensors.infos.contains_key(name);
+    if header.family == Family::Multilinear {
+        let [_, clusters, inputs] = tensors.shape(PROJECTION)?;
+        let [rows, _, _, inner] = tensors.shape(COEFFICIENTS)?;
+        let (mean, mapped) = (has(MEAN), has(ROW_OF_POINT));
+        let inner = if inner > inputs { inputs.saturating_add(1) } else { inputs };
+        shape.inputs = inputs;
+        within("pose clusters", clusters as u64, limits::CLUSTERS)?;
+        within("input dimensions", inputs as u64, shape.parameters as u64)?;
+        let sizes = multilinear::Sizes { clusters, inputs, rows, inner, mean, mapped };
+        return Ok(Detail::Multilinear(sizes));
+    }
+    let Some(form) = Form::of(header.family) else { return Ok(Detail::Plain) };
+    shape.inputs = tensors.columns(PROJECTION)?;
+    within("input dimensions", shape.inputs as u64, shape.parameters as u64)?;
+    let mut sizes = Vec::new();
+    while has(&cluster_name(sizes.len(), "basis")) {
+        within("clusters", sizes.len() as u64 + 1, limits::CLUSTERS)?;
+        let [rows, columns] = tensors.shape(&cluster_name(sizes.len(), "basis"))?;
+        let hidden = cluster_name(sizes.len(), "hidden");
+        let neurons = if has(&hidden) { tensors.shape::<2>(&hidden)?[0] } else { 0 };
+        let outputs = columns.saturating_sub(1);
+        within("output dimensions", outputs as u64, limits::OUTPUTS)?;
+        within("neurons", neurons as u64, limits::OUTPUTS)?;
+        let features = form.count(shape.inputs, neurons) + 1;
+        sizes.push(clustered::Sizes { rows, outputs, features, neurons });
+    }
+    Ok(Detail::Clustered(form, sizes))
+}
+
+/// The map that the family's decoder has.
+fn own_map(detail: &Detail, shape: &Shape, tensors: &mut Tensors<'_>) -> Result<Vec<u32>, Error> {
+    match detail {
+        Detail::Multilinear(sizes) if sizes.mapped => {
+            let count = sizes.clusters.saturating_mul(shape.points);
+            tensors.indices(ROW_OF_POINT, count, sizes.rows)
+        }
+        Detail::Clustered(_, sizes) => tensors.indices(CLUSTER_OF_POINT, shape.points, sizes.len()),
+        _ => Ok(Vec::new()),
+    }
+}
+
 impl<'a> Tensors<'a> {
+    /// The shape of a tensor of N dimensions.
+    fn shape<const N: usize>(&self, name: &str) -> Result<[usize; N], Error> {
+        let info = self.infos.get(name).ok_or_else(|| missing(name))?;
+        info.shape.as_slice().try_into().map_err(|_| Error::TensorShape {
+            name: name.to_owned(),
+            expected: format!("of {N} dimensions"),
+            found: describe(info.dtype, &info.shape),
+        })
+    }
+
     /// The second dimension of a matrix.
     fn columns(&self, name: &str) -> Result<usize, Error> {
         let info = self.infos.get(name).ok_or_else(|| missing(name))?;
@@ -124,7 +184,7 @@ impl<'a> Tensors<'a> {
     }
 
     fn numbers(&mut self, entry: &Entry, precision: Precision) -> Result<Vec<f32>, Error> {
-        let bytes = self.take(entry.name, number_dtype(precision), &entry.shape)?;
+        let bytes = self.take(&entry.name, number_dtype(precision), &entry.shape)?;
         let scales = match precision {
             Precision::F32 | Precision::F16 => Vec::new(),
             Precision::I8 => {

@@ -8,7 +8,8 @@ use safetensors::{Dtype, View};
 use super::super::header::{limits, within};
 use super::super::{Error, Header, Model, Precision};
 use super::layout::{
-    BONE_OF_POINT, DIRECTIONS, POINT_OF_VERTEX, arrays, entries, index_dtype, number_dtype,
+    BONE_OF_POINT, DIRECTIONS, Detail, POINT_OF_VERTEX, arrays, entries, index_dtype, number_dtype,
+    own_map,
 };
 use super::quantise::{encode, f32_bytes, index_bytes};
 
@@ -51,7 +52,10 @@ fn tensors(model: &Model, precision: Precision) -> Result<Vec<(String, Tensor)>,
     let (shape, header) = (model.shape(), model.header());
     let decoder = model.decoder();
     let mut tensors = Vec::new();
-    for (entry, values) in entries(header.family, &shape).into_iter().zip(arrays(&decoder)) {
+    let detail = Detail::of(&decoder, &shape);
+    let entries = entries(header.family, &shape, &detail);
+    for (entry, values) in entries.into_iter().zip(arrays(&decoder)) {
+        let precision = entry.precision(precision);
         let encoded = encode(&entry, values, precision)?;
         if precision == Precision::I8 {
             let bytes = f32_bytes(&encoded.scales);
@@ -60,7 +64,7 @@ fn tensors(model: &Model, precision: Precision) -> Result<Vec<(String, Tensor)>,
         }
         let dtype = number_dtype(precision);
         let tensor = Tensor { dtype, shape: entry.shape, bytes: encoded.bytes };
-        tensors.push((entry.name.to_owned(), tensor));
+        tensors.push((entry.name.into_owned(), tensor));
     }
     let directions = &header.training.directions;
     if !directions.is_empty() {
@@ -74,6 +78,9 @@ fn tensors(model: &Model, precision: Precision) -> Result<Vec<(String, Tensor)>,
         let bytes = index_bytes(indices.into_iter(), size);
         tensors.push((name.to_owned(), Tensor { dtype, shape, bytes }));
     };
+    if let Some((name, count, map)) = own_map(&decoder, &detail) {
+        index(name, count, map.to_vec());
+    }
     index(POINT_OF_VERTEX, shape.points, model.point_of_vertex().to_vec());
     if !model.bone_of_point().is_empty() {
         let bones = model.bone_of_point().iter().map(|&bone| u32::from(bone)).collect();
