@@ -152,7 +152,7 @@ fn report(points: usize) {
         root.fold(&light, &[]).expect("transfer folds"),
         bone.fold(&light, &turned).expect("transfer folds"),
     );
-    let operations = 2 * root.shape().multiply_adds(Family::PcaLinear);
+    let operations = 2 * root.multiply_adds();
     let Decoder::PcaLinear { basis, .. } = root.decoder() else { unreachable!("built above") };
     let reduced = numbers(7, OUTPUTS * WIDTH);
     let left = MatRef::from_row_major_slice(&basis, points, OUTPUTS);

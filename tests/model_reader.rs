@@ -6,10 +6,9 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use poselight::model::{
-    Cluster, Clustered, Form, Multilinear,
-    ColumnHeader, Decoder, FORMAT_VERSION, Family, Frame, Header, MeshIdentity, Model, NodeHeader,
-    Precision, Provenance, RigHeader, RootMotionHeader, Signal, SourceHeader, TrainingSummary,
-    WeightHeader,
+    Cluster, Clustered, ColumnHeader, Decoder, FORMAT_VERSION, Family, Form, Frame, Header,
+    MeshIdentity, Model, Multilinear, NodeHeader, Precision, Provenance, RigHeader,
+    RootMotionHeader, Signal, SourceHeader, TrainingSummary, WeightHeader,
 };
 use poselight::num::random::Stream;
 

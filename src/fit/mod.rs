@@ -22,6 +22,7 @@ mod moments;
 mod multilinear;
 mod output_basis;
 mod pca_linear;
+mod point_clusters;
 mod report;
 mod ridge;
 mod sketch;
