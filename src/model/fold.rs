@@ -156,14 +156,7 @@ impl Model {
         check_length("output", out.len(), self.shape.points * colours)?;
         if let Core::PcaLinear { .. } = &*self.core {
             let reduced = self.reduced(Isa::best(), parameters);
-            let rows = self.light_count() * colours * self.shape.outputs;
-            let factors: Vec<f32> = (0..rows)
-                .map(|row| {
-                    let (bone, colour, j) = self.factor_row(row, colours);
-                    lights.dot_slice(bone, colour, &reduced[j * width..(j + 1) * width])
-                })
-                .collect();
-            self.expand(&factors, colours, out);
+            self.expand(&self.factors(&lights, &reduced), colours, out);
             return Ok(());
         }
         let mut coefficients = vec![0.0; self.shape.points * width];
@@ -174,6 +167,28 @@ impl Model {
             *out = lights.dot_slice(self.bone(point), colour, coefficients);
         }
         Ok(())
+    }
+
+    /// The reduced coefficients of one pose, `[d_out, width]`, contracted with the lights: the
+    /// rows that [`factor_row`](Self::factor_row) counts.
+    fn factors(&self, lights: &Lights, reduced: &[f32]) -> Vec<f32> {
+        let (outputs, width, count) = (self.shape.outputs, self.shape.width, lights.count);
+        let of = |j: usize| &reduced[j * width..(j + 1) * width];
+        if !self.turns_with_bones() {
+            let rows = (0..outputs).flat_map(|j| (0..lights.colours).map(move |c| (j, c)));
+            return rows.map(|(j, colour)| lights.dot_slice(0, colour, of(j))).collect();
+        }
+        // One product for all bones, [bone, coefficient] · [coefficient, d_out].
+        let bones = self.light_count();
+        let mut factors = vec![0.0; lights.colours * bones * outputs];
+        for (colour, factors) in factors.chunks_exact_mut(bones * outputs).enumerate() {
+            let left = Panels::new(bones, count, |bone, c| lights.light(bone, colour)[c]);
+            let first = lights.channel(colour);
+            let right = (first..first + count).flat_map(|c| (0..outputs).map(move |j| of(j)[c]));
+            let right: Vec<f32> = right.collect();
+            multiply(Isa::best(), &left, &right, outputs, Layout::Rows, factors);
+        }
+        factors
     }
 
     /// The number of frames in which a light is needed: one per bone, or one.

@@ -35,7 +35,8 @@ pub enum Layout {
 ///   in the lanes; column c of j is `right[j * stride + c]`;
 /// - `LANES`, `ROWS`, `ACROSS` and `along::<V>(panel, row, right, stride, out)`: V vectors of
 ///   `LANES` columns of the `ROWS` rows from `row` on, as far as `out` reaches;
-/// - `among::<N>(panel, right, buffer)`: one column for each of N right-hand sides.
+/// - `among::<N>(panel, sides, out)`: one column, of which N masks of rows take a right-hand side
+///   each.
 macro_rules! drivers {
     ($($attribute:meta)?) => {
         /// Fills the first `count` columns of the buffer.
@@ -122,31 +123,28 @@ macro_rules! drivers {
 
         $(#[$attribute])?
         pub(in crate::num::kernels) fn grouped(left: &Panels, groups: &Groups, right: &[f32], out: &mut [f32]) {
-            let mut buffer = [Lanes::ZERO; TILE];
             for (p, out) in out.chunks_mut(PANEL_ROWS).enumerate() {
                 let panel = left.panel(p);
                 let side = |entry: &(usize, u32)| {
-                    &right[entry.0 * left.inner()..(entry.0 + 1) * left.inner()]
+                    let right = &right[entry.0 * left.inner()..(entry.0 + 1) * left.inner()];
+                    (entry.1, right)
                 };
+                let mut values = Lanes::ZERO;
                 for entries in groups.of_panel(p).chunks(4) {
                     // Together, so that they read the panel once and do not wait for their sums.
                     match entries {
-                        [a] => among(panel, [side(a)], &mut buffer),
-                        [a, b] => among(panel, [side(a), side(b)], &mut buffer),
-                        [a, b, c] => among(panel, [side(a), side(b), side(c)], &mut buffer),
+                        [a] => among(panel, [side(a)], &mut values),
+                        [a, b] => among(panel, [side(a), side(b)], &mut values),
+                        [a, b, c] => among(panel, [side(a), side(b), side(c)], &mut values),
                         [a, b, c, d, ..] => {
-                            among(panel, [side(a), side(b), side(c), side(d)], &mut buffer);
+                            among(panel, [side(a), side(b), side(c), side(d)], &mut values);
                         }
                         [] => {}
                     }
-                    for (&(_, mask), sums) in entries.iter().zip(&buffer) {
-                        // A whole panel has a length that the compiler knows.
-                        match out.first_chunk_mut::<PANEL_ROWS>() {
-                            Some(out) if mask == u32::MAX => *out = sums.0,
-                            Some(out) => crate::num::kernels::select(mask, sums, out),
-                            None => crate::num::kernels::select(mask, sums, out),
-                        }
-                    }
+                }
+                match out.first_chunk_mut() {
+                    Some(out) => *out = values.0,
+                    None => out.copy_from_slice(&values.0[..out.len()]),
                 }
             }
         }
@@ -251,15 +249,6 @@ fn scatter(columns: &[Lanes], stride: usize, out: &mut [f32]) {
         for (out, value) in out[first..].iter_mut().step_by(stride).zip(&column.0) {
             *out = *value;
         }
-    }
-}
-
-/// Writes those rows that the mask names.
-#[inline(always)]
-fn select(mask: u32, sums: &Lanes, out: &mut [f32]) {
-    // The lanes' own bits, so that a vector compares all lanes at once.
-    for (lane, (out, &sum)) in out.iter_mut().zip(&sums.0).enumerate() {
-        *out = if mask & (1 << lane) != 0 { sum } else { *out };
     }
 }
 

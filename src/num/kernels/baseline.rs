@@ -51,14 +51,17 @@ fn accumulate<const N: usize>(panel: &[Lanes], right: &[f32], stride: usize, buf
 }
 
 #[inline]
-fn among<const N: usize>(panel: &[Lanes], right: [&[f32]; N], buffer: &mut Buffer) {
+fn among<const N: usize>(panel: &[Lanes], sides: [(u32, &[f32]); N], out: &mut Lanes) {
     for start in (0..PANEL_ROWS).step_by(PASS) {
         let mut sums = [[0.0_f32; PASS]; N];
         for (j, lanes) in panel.iter().enumerate() {
-            add(lanes, start, right.map(|right| right[j]), &mut sums);
+            add(lanes, start, sides.map(|side| side.1[j]), &mut sums);
         }
-        for (lanes, sums) in buffer.iter_mut().zip(&sums) {
-            lanes.0[start..start + PASS].copy_from_slice(sums);
+        for (&(mask, _), sums) in sides.iter().zip(&sums) {
+            for (lane, (out, &sum)) in out.0[start..].iter_mut().zip(sums).enumerate() {
+                // The lane's own bit, so that a vector compares all lanes at once.
+                *out = if (mask >> start) & (1 << lane) != 0 { sum } else { *out };
+            }
         }
     }
 }

@@ -1,12 +1,17 @@
 //! The kernels in AVX2 with FMA, and in AVX-512F: one text for both vector widths.
 
+use std::arch::x86_64::{
+    __m256, __m512, _mm256_and_si256, _mm256_blendv_ps, _mm256_castsi256_ps, _mm256_cmpeq_epi32,
+    _mm256_set1_epi32, _mm256_setr_epi32, _mm512_mask_blend_ps,
+};
+
 /// The kernels of one vector width. The last four are the tile sizes: columns of `accumulate` at
 /// most, rows in the lanes that it sums at a time, rows and vectors of columns of `along`. Their
 /// sums, one broadcast and the loaded vectors fit the 16 or 32 registers.
 macro_rules! kernels {
     (
         $module:ident, $feature:literal, $vector:ident, $lanes:literal, $widest:literal, $rows:literal,
-        $set1:ident, $load:ident, $store:ident, $fmadd:ident
+        $set1:ident, $load:ident, $store:ident, $fmadd:ident, $blend:path
     ) => {
         pub(super) mod $module {
             use std::arch::x86_64::{$fmadd, $load, $set1, $store, $vector};
@@ -34,6 +39,19 @@ macro_rules! kernels {
                 unsafe { $load(part.as_ptr()) }
             }
 
+            /// The first V vectors of the slice. A loop, since a closure that holds vectors is not
+            /// inlined into the standard library's functions in every build.
+            #[target_feature(enable = $feature)]
+            #[inline]
+            fn load_all<const V: usize>(values: &[f32]) -> [$vector; V] {
+                let values = &values[..V * LANES];
+                let mut vectors = [$set1(0.0); V];
+                for (v, vector) in vectors.iter_mut().enumerate() {
+                    *vector = load(values, v);
+                }
+                vectors
+            }
+
             #[target_feature(enable = $feature)]
             #[inline]
             fn store(values: &mut [f32], v: usize, vector: $vector) {
@@ -42,34 +60,26 @@ macro_rules! kernels {
                 unsafe { $store(part.as_mut_ptr(), vector) };
             }
 
-            /// Sums `PASS` vectors of rows of N columns, of which `right(j)` gives the factors.
+            /// `PASS` vectors of rows of N columns, of which `right(j)` gives the factors.
             #[target_feature(enable = $feature)]
             #[inline]
             fn sum<const N: usize>(
                 panel: &[Lanes],
+                first: usize,
                 right: impl Fn(usize) -> [f32; N],
-                buffer: &mut [Lanes],
-            ) {
-                for first in (0..VECTORS).step_by(PASS) {
-                    let mut sums = [[$set1(0.0); PASS]; N];
-                    for (j, lanes) in panel.iter().enumerate() {
-                        let left = &lanes.0[first * LANES..(first + PASS) * LANES];
-                        let left: [_; PASS] = std::array::from_fn(|v| load(left, v));
-                        // One broadcast lives at a time: the sums need the other registers.
-                        for (sums, right) in sums.iter_mut().zip(right(j)) {
-                            let right = $set1(right);
-                            for v in 0..PASS {
-                                sums[v] = $fmadd(left[v], right, sums[v]);
-                            }
-                        }
-                    }
-                    for (lanes, sums) in buffer.iter_mut().zip(&sums) {
-                        let out = &mut lanes.0[first * LANES..(first + PASS) * LANES];
+            ) -> [[$vector; PASS]; N] {
+                let mut sums = [[$set1(0.0); PASS]; N];
+                for (j, lanes) in panel.iter().enumerate() {
+                    let left = load_all::<PASS>(&lanes.0[first * LANES..]);
+                    // One broadcast lives at a time: the sums need the other registers.
+                    for (sums, right) in sums.iter_mut().zip(right(j)) {
+                        let right = $set1(right);
                         for v in 0..PASS {
-                            store(out, v, sums[v]);
+                            sums[v] = $fmadd(left[v], right, sums[v]);
                         }
                     }
                 }
+                sums
             }
 
             #[target_feature(enable = $feature)]
@@ -81,13 +91,31 @@ macro_rules! kernels {
                 buffer: &mut [Lanes],
             ) {
                 let factors = |j: usize| *right[j * stride..].first_chunk().expect("checked");
-                sum::<N>(panel, factors, buffer);
+                for first in (0..VECTORS).step_by(PASS) {
+                    let sums = sum::<N>(panel, first, factors);
+                    for (lanes, sums) in buffer.iter_mut().zip(&sums) {
+                        let out = &mut lanes.0[first * LANES..(first + PASS) * LANES];
+                        for v in 0..PASS {
+                            store(out, v, sums[v]);
+                        }
+                    }
+                }
             }
 
             #[target_feature(enable = $feature)]
             #[inline]
-            fn among<const N: usize>(panel: &[Lanes], right: [&[f32]; N], buffer: &mut Buffer) {
-                sum::<N>(panel, |j| right.map(|right| right[j]), buffer);
+            fn among<const N: usize>(panel: &[Lanes], sides: [(u32, &[f32]); N], out: &mut Lanes) {
+                for first in (0..VECTORS).step_by(PASS) {
+                    let sums = sum::<N>(panel, first, |j| sides.map(|side| side.1[j]));
+                    for v in 0..PASS {
+                        let at = first + v;
+                        let mut value = load(&out.0, at);
+                        for (&(mask, _), sums) in sides.iter().zip(&sums) {
+                            value = $blend(mask >> (at * LANES), value, sums[v]);
+                        }
+                        store(&mut out.0, at, value);
+                    }
+                }
             }
 
             #[target_feature(enable = $feature)]
@@ -102,8 +130,7 @@ macro_rules! kernels {
                 let mut sums = [[$set1(0.0); V]; ROWS];
                 for (j, lanes) in panel.iter().enumerate() {
                     let left: &[f32; ROWS] = lanes.0[row..].first_chunk().expect("rows of a panel");
-                    let right = &right[j * stride..j * stride + V * LANES];
-                    let right: [_; V] = std::array::from_fn(|v| load(right, v));
+                    let right = load_all::<V>(&right[j * stride..]);
                     for (sums, &left) in sums.iter_mut().zip(left) {
                         let left = $set1(left);
                         for v in 0..V {
@@ -123,7 +150,10 @@ macro_rules! kernels {
             #[target_feature(enable = $feature)]
             pub(in crate::num::kernels) fn exercise(rounds: u64, a: f32, b: f32) -> f32 {
                 let (a, b) = ($set1(a), $set1(b));
-                let mut sums: [_; CHAINS] = std::array::from_fn(|i| $set1(i as f32));
+                let mut sums = [a; CHAINS];
+                for (i, sum) in sums.iter_mut().enumerate() {
+                    *sum = $set1(i as f32);
+                }
                 for _ in 0..rounds {
                     for sum in &mut sums {
                         *sum = $fmadd(*sum, a, b);
@@ -143,6 +173,22 @@ macro_rules! kernels {
     };
 }
 
+/// `b` in the lanes whose bits are set, `a` in the others.
+#[target_feature(enable = "avx2")]
+#[inline]
+fn blend256(bits: u32, a: __m256, b: __m256) -> __m256 {
+    let own = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+    let set = _mm256_and_si256(_mm256_set1_epi32(bits as i32), own);
+    _mm256_blendv_ps(a, b, _mm256_castsi256_ps(_mm256_cmpeq_epi32(set, own)))
+}
+
+/// `b` in the lanes whose bits are set, `a` in the others.
+#[target_feature(enable = "avx512f")]
+#[inline]
+fn blend512(bits: u32, a: __m512, b: __m512) -> __m512 {
+    _mm512_mask_blend_ps(bits as u16, a, b)
+}
+
 kernels!(
     avx2,
     "avx2,fma",
@@ -153,7 +199,8 @@ kernels!(
     _mm256_set1_ps,
     _mm256_loadu_ps,
     _mm256_storeu_ps,
-    _mm256_fmadd_ps
+    _mm256_fmadd_ps,
+    super::blend256
 );
 
 kernels!(
@@ -166,5 +213,6 @@ kernels!(
     _mm512_set1_ps,
     _mm512_loadu_ps,
     _mm512_storeu_ps,
-    _mm512_fmadd_ps
+    _mm512_fmadd_ps,
+    super::blend512
 );
