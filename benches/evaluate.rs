@@ -96,6 +96,8 @@ fn model(points: usize, frame: Frame) -> Model {
         channels: 1,
         frame,
         conventions: Header::conventions(),
+        unshadowed: false,
+        occluders: None,
         rig: rig(),
         mesh: MeshIdentity {
             scene_sha256: "0".repeat(64),

@@ -87,6 +87,8 @@ fn model(family: Family) -> Model {
         channels: 1,
         frame: Frame::Bone,
         conventions: Header::conventions(),
+        unshadowed: false,
+        occluders: None,
         rig: rig(),
         mesh: MeshIdentity {
             scene_sha256: "0".repeat(64),

@@ -41,6 +41,13 @@ pub(crate) struct FitFlags {
     /// Exponent of the blend of multilinear [default: 10].
     #[arg(long, value_name = "ALPHA")]
     blend_exponent: Option<f64>,
+    /// Whether to learn only what occlusion takes away from the unshadowed signal
+    /// [default: true for occluder, else false].
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true")]
+    unshadowed: Option<bool>,
+    /// Spheres on the bones of occluder [default: 100].
+    #[arg(long, value_name = "N")]
+    spheres: Option<u32>,
     /// The frame in which coefficients are modelled [default: bone].
     #[arg(long, value_enum)]
     frame: Option<FrameArg>,
@@ -64,6 +71,7 @@ enum FamilyArg {
     Linear,
     PcaLinear,
     Multilinear,
+    Occluder,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -129,6 +137,8 @@ impl FitFlags {
         fit.point_threshold = self.point_threshold.or(fit.point_threshold);
         fit.published |= self.published;
         set(&mut fit.blend_exponent, self.blend_exponent);
+        fit.unshadowed = self.unshadowed.or(fit.unshadowed);
+        fit.spheres = self.spheres.or(fit.spheres);
         set(&mut fit.frame, self.frame);
         set(&mut fit.ridge, self.ridge);
         if self.alpha.is_some() {
@@ -140,7 +150,7 @@ impl FitFlags {
 }
 
 names! {
-    FamilyArg => FamilyName { Mean, Linear, PcaLinear, Multilinear }
+    FamilyArg => FamilyName { Mean, Linear, PcaLinear, Multilinear, Occluder }
     FrameArg => FrameName { Root, Bone }
     RidgeArg => RidgeName { LeaveOneOut, LeaveOneClipOut, Fixed }
     OnArg => OnName { Novel, Trained }

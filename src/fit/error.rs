@@ -121,6 +121,12 @@ pub enum Error {
         /// The quaternion (x, y, z, w).
         found: [f32; 4],
     },
+    /// Occluders, or data without their unshadowed part, for a fit that does not know the mesh.
+    #[error(
+        "a fit with occluders, or of what occlusion takes away, needs the posed mesh of every \
+         training pose"
+    )]
+    NeedsGeometry,
     /// A factorisation failed.
     #[error("{0}; please report this with the data set")]
     NoConvergence(#[from] linalg::NoConvergence),

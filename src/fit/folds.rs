@@ -126,7 +126,7 @@ fn singles(poses: usize) -> (Vec<Vec<usize>>, String) {
 /// Whole clips. Neighbouring frames are nearly copies of one another, so that leaving out single
 /// frames of the only clip would choose far too little regularisation: it is cut into contiguous
 /// parts instead.
-fn by_clip(clips: &[i32]) -> (Vec<Vec<usize>>, String) {
+pub(super) fn by_clip(clips: &[i32]) -> (Vec<Vec<usize>>, String) {
     let mut groups = BTreeMap::<i32, Vec<usize>>::new();
     for (pose, &clip) in clips.iter().enumerate() {
         groups.entry(clip).or_default().push(pose);

@@ -53,7 +53,7 @@ pub(super) fn fit(
     let mut report = regression.report(&choice, &moments, outputs, Unseen::default());
     report.passes = 1;
     let training = regression.summary(r, true);
-    Ok(Fitted { decoder: Decoder::Linear { mean, weights }, training, report })
+    Ok(Fitted { decoder: Decoder::Linear { mean, weights }, occluders: None, training, report })
 }
 
 fn absorb(

@@ -34,7 +34,7 @@ pub(super) fn fit(
         ..FitReport::default()
     };
     let training = ridge::summary(design, design.rank(), true);
-    Ok(Fitted { decoder: Decoder::Mean { mean }, training, report })
+    Ok(Fitted { decoder: Decoder::Mean { mean }, occluders: None, training, report })
 }
 
 /// Mean of every column of a block, and the sum of squared deviations from them.

@@ -13,6 +13,7 @@ mod design;
 mod error;
 mod folds;
 mod frame;
+mod geometry;
 mod greedy_split;
 mod k_means;
 mod leave_out;
@@ -20,6 +21,7 @@ mod linear;
 mod mean;
 mod moments;
 mod multilinear;
+mod occluder;
 mod output_basis;
 mod pca_linear;
 mod point_clusters;
@@ -30,11 +32,13 @@ mod source;
 mod tall_qr;
 
 pub use error::Error;
+pub use geometry::Geometry;
 pub use multilinear::{MultilinearSizes, PointClusters};
-pub use report::FitReport;
+pub use report::{FitReport, OccluderReport};
 
 use crate::dataset::Training;
-use crate::model::{Decoder, Frame, TrainingSummary};
+use crate::model::{Decoder, Frame, Occluders, Signal, TrainingSummary};
+use crate::sh::Order;
 use report::Clock;
 use source::Source;
 
@@ -96,6 +100,12 @@ pub struct Settings {
     pub ridge: Ridge,
     /// What the model is for; novel motion by default.
     pub on: On,
+    /// Whether the unshadowed signal of the posed normal is taken out of the data first, so that
+    /// only what occlusion takes away is learned; not by default. Needs the posed mesh.
+    pub unshadowed: bool,
+    /// How many spheres on the bones explain what they can before the family learns the rest;
+    /// none by default. Needs the posed mesh.
+    pub spheres: Option<usize>,
     /// Seed of the randomised decomposition, 1 by default.
     pub seed: u64,
 }
@@ -107,6 +117,8 @@ impl Default for Settings {
             frame: Frame::Bone,
             ridge: Ridge::LeaveOneClipOut,
             on: On::Novel,
+            unshadowed: false,
+            spheres: None,
             seed: 1,
         }
     }
@@ -117,6 +129,8 @@ impl Default for Settings {
 pub struct Fitted {
     /// The numbers of the model.
     pub decoder: Decoder,
+    /// What spheres on the bones block, where they were asked for.
+    pub occluders: Option<Occluders>,
     /// The cloud of training poses, for the distance to it.
     pub training: TrainingSummary,
     /// How the fit went.
@@ -131,16 +145,35 @@ pub struct Fitted {
 ///
 /// # Errors
 /// Data that cannot be read or are not finite, sizes that the data do not have, an α that is no
-/// number; each with the evidence.
+/// number; each with the evidence. Settings that need the posed mesh: [`Error::NeedsGeometry`].
 pub fn fit(training: &Training<'_>, settings: &Settings) -> Result<Fitted, Error> {
+    fit_posed(training, settings, None)
+}
+
+/// [`fit`] with the posed mesh and the signal that the data are, for what settings ask of it.
+///
+/// # Errors
+/// As [`fit`].
+///
+/// # Panics
+/// If the geometry has another number of points or poses than the training set.
+pub fn fit_posed(
+    training: &Training<'_>,
+    settings: &Settings,
+    posed: Option<(&Geometry<'_>, Signal, Order)>,
+) -> Result<Fitted, Error> {
     check(settings)?;
     let mut clock = Clock::start();
-    let source = Source::new(training, settings.frame)?;
+    let mut source = Source::new(training, settings.frame)?;
+    let explained = explain(&mut source, training, settings, posed)?;
+    if explained.is_some() {
+        clock.lap("occluders_s");
+    }
     let design =
         design::Design::new(training.parameters(), training.parameter_names(), training.poses())?;
     clock.lap("pose_svd_s");
     let regression = ridge::Regression::new(&design, training.clips(), settings);
-    let fitted = match settings.family {
+    let mut fitted = match settings.family {
         Family::Mean => mean::fit(&source, &design, &mut clock)?,
         Family::Linear => linear::fit(&source, &regression, &mut clock)?,
         Family::PcaLinear { inputs, outputs } => {
@@ -155,7 +188,35 @@ pub fn fit(training: &Training<'_>, settings: &Settings) -> Result<Fitted, Error
             multilinear::fit(&source, training, &design, sizes, settings, &mut clock)?
         }
     };
+    if let Some((occluders, report)) = explained {
+        fitted.occluders = Some(occluders);
+        fitted.report.occluders = Some(report);
+    }
     Ok(fitted.finish(clock))
+}
+
+/// Takes out of the source what needs no learning from poses.
+fn explain<'a>(
+    source: &mut Source<'a>,
+    training: &'a Training<'_>,
+    settings: &Settings,
+    posed: Option<(&'a Geometry<'a>, Signal, Order)>,
+) -> Result<Option<(Occluders, OccluderReport)>, Error> {
+    if !settings.unshadowed && settings.spheres.is_none() {
+        return Ok(None);
+    }
+    let (geometry, signal, order) = posed.ok_or(Error::NeedsGeometry)?;
+    assert_eq!(geometry.poses.len(), training.poses(), "poses of the geometry");
+    assert_eq!(geometry.points.count(), training.points(), "points of the geometry");
+    let turns = training.bone_rotations();
+    let explained = occluder::Explained::new(geometry, (signal, order), settings, turns);
+    source.explain(explained);
+    let Some(spheres) = settings.spheres else { return Ok(None) };
+    let mut placed = occluder::place(geometry, turns, spheres)?;
+    let report = occluder::fit(source, &mut placed, training.clips(), settings)?;
+    let occluders = placed.occluders.clone();
+    source.explain_further(placed);
+    Ok(Some((occluders, report)))
 }
 
 fn check(settings: &Settings) -> Result<(), Error> {

@@ -151,7 +151,7 @@ pub(super) fn fit(
     clock.lap("point_clusters_s");
     let report = report(design, &regressions, &filters, (energy, spread), source);
     let training = summary(design, design.rank().min(MOST_DIRECTIONS), true);
-    Ok(Fitted { decoder: Decoder::Multilinear(model), training, report })
+    Ok(Fitted { decoder: Decoder::Multilinear(model), occluders: None, training, report })
 }
 
 fn check(design: &Design, source: &Source<'_>, sizes: &MultilinearSizes) -> Result<(), Error> {

@@ -62,7 +62,7 @@ pub(super) fn fit(
     report.passes = passes + 1;
     let (projection, coefficients) = decoder(regression, &choice, &regressed, outputs);
     let decoder = Decoder::PcaLinear { projection, coefficients, basis: vectors };
-    Ok(Fitted { decoder, training: regression.summary(inputs, false), report })
+    Ok(Fitted { decoder, occluders: None, training: regression.summary(inputs, false), report })
 }
 
 /// d_in, checked, and what to ask of the basis.

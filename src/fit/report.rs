@@ -39,12 +39,34 @@ pub struct FitReport {
     /// basis were taken as known: it is found anew without each clip (or quarter), with its share
     /// of the poses expressed in it. `alphas` include it. `None` without basis or left-out poses.
     pub basis_optimism: Option<f64>,
+    /// What spheres on the bones explain, where they were asked for; all other figures are then
+    /// about what they leave.
+    pub occluders: Option<OccluderReport>,
     /// Passes over the data.
     pub passes: usize,
     /// What a user should know.
     pub notices: Vec<String>,
     /// Wall-clock seconds by phase, and `total_s`.
     pub seconds: BTreeMap<String, f64>,
+}
+
+/// How the fit of occluders went; errors as in [`FitReport`].
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct OccluderReport {
+    /// Spheres.
+    pub spheres: usize,
+    /// Groups of them that a point tells apart.
+    pub groups: usize,
+    /// What holds a point's weights to the shared ones, as a share of its features' mean energy.
+    pub penalty: f64,
+    /// The weights of the groups that all points share.
+    pub shared: Vec<f64>,
+    /// The error on left-out clips, where any can be left out.
+    pub left_out_rmse: Option<f64>,
+    /// The error on the training poses themselves.
+    pub training_rmse: f64,
+    /// The spread of the data without occluders.
+    pub spread_rms: f64,
 }
 
 /// Measures phases.

@@ -5,6 +5,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::frame::{self, BoneFrame};
+use super::occluder::{Explained, Placed};
 use super::{Error, Frame};
 use crate::dataset::Training;
 
@@ -23,6 +24,7 @@ const BLOCK_POINTS: usize = 1 << 12;
 pub(super) struct Source<'a> {
     training: &'a Training<'a>,
     frame: Option<BoneFrame<'a>>,
+    explained: Option<Explained<'a>>,
     block_points: usize,
     in_flight: usize,
 }
@@ -54,7 +56,24 @@ impl<'a> Source<'a> {
         let numbers = training.poses() * training.channels() * training.coefficients();
         let block_points = (BLOCK_NUMBERS / numbers).clamp(1, BLOCK_POINTS);
         let in_flight = 2 * rayon::current_num_threads();
-        Ok(Self { training, frame, block_points, in_flight })
+        Ok(Self { training, frame, explained: None, block_points, in_flight })
+    }
+
+    /// Removes from now on what needs no learning.
+    pub(super) fn explain(&mut self, explained: Explained<'a>) {
+        self.explained = Some(explained);
+    }
+
+    /// Removes from now on what these occluders block, too.
+    pub(super) fn explain_further(&mut self, placed: Placed) {
+        if let Some(explained) = &mut self.explained {
+            explained.place(placed);
+        }
+    }
+
+    /// What is removed.
+    pub(super) fn explained(&self) -> Option<&Explained<'a>> {
+        self.explained.as_ref()
     }
 
     /// p.
@@ -112,6 +131,9 @@ impl<'a> Source<'a> {
         self.check(block)?;
         if let Some(frame) = &self.frame {
             frame.turn(points.start, &mut block.values, points.len(), &mut block.scratch);
+        }
+        if let Some(explained) = &self.explained {
+            explained.remove(points, &mut block.values);
         }
         Ok(())
     }

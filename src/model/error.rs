@@ -86,6 +86,12 @@ pub enum Error {
         /// Flat index of the first such number.
         index: usize,
     },
+    /// The model looks at the posed mesh, which was not given.
+    #[error("{what} needs the posed mesh: give positions and normals of the points in the pose")]
+    NeedsSurface {
+        /// Such as `this model`.
+        what: &'static str,
+    },
     /// An index points outside what it indexes.
     #[error("{what} is {found}, but there are only {count}")]
     OutOfRange {

@@ -4,8 +4,11 @@ use std::sync::Arc;
 
 use super::distance::Subspace;
 use super::header::{check_index, field, limits, within};
+use super::occluder::Seen;
 use super::rig::Rig;
-use super::{Decoder, Error, Frame, Header, Shape, Signal, clustered, multilinear};
+use super::{
+    Decoder, Error, Frame, Header, OccluderSizes, Occluders, Shape, Signal, clustered, multilinear,
+};
 use crate::num::panels::{Groups, Panels};
 
 /// A fitted model: pose parameters in, the signal at every point out.
@@ -21,6 +24,14 @@ pub struct Model {
     pub(super) point_of_vertex: Vec<u32>,
     /// Empty in the root frame.
     pub(super) bone_of_point: Vec<u16>,
+    pub(super) occluding: Option<Arc<Occluding>>,
+}
+
+/// Occluders and their layout for evaluation.
+#[derive(Debug)]
+pub(super) struct Occluding {
+    pub(super) occluders: Occluders,
+    pub(super) seen: Seen,
 }
 
 /// The decoder's numbers as the kernels read them.
@@ -101,7 +112,32 @@ impl Model {
         let groups = turns.then(|| Groups::new(&bone_of_point));
         let core = Arc::new(Core::new(decoder, shape, groups));
         let rig = Rig::new(&header.rig);
-        Ok(Self { header, shape, core, rig, subspace, point_of_vertex, bone_of_point })
+        let header = Header { occluders: None, ..header };
+        let occluding = None;
+        Ok(Self { header, shape, core, rig, subspace, point_of_vertex, bone_of_point, occluding })
+    }
+
+    /// The same model with occluders, whose part is added to what its decoder gives.
+    ///
+    /// # Errors
+    /// Lengths, indices and numbers that do not fit the model; a model of the root frame, which
+    /// does not know its points' bones.
+    pub fn with_occluders(mut self, occluders: Occluders) -> Result<Self, Error> {
+        if self.header.frame == Frame::Root {
+            return Err(field("frame", "occluders need the points' bones, so the bone frame"));
+        }
+        let groups = occluders.check(self.shape.points, self.header.rig.bones.len())?;
+        let sizes = OccluderSizes { spheres: occluders.spheres() as u32, groups: groups as u32 };
+        self.header.occluders = Some(sizes);
+        let seen = Seen::new(&occluders, &self.bone_of_point);
+        self.occluding = Some(Arc::new(Occluding { occluders, seen }));
+        Ok(self)
+    }
+
+    /// Its occluders, where it has any.
+    #[must_use]
+    pub fn occluders(&self) -> Option<&Occluders> {
+        self.occluding.as_deref().map(|occluding| &occluding.occluders)
     }
 
     /// Everything about it that is not a tensor.

@@ -236,6 +236,9 @@ impl Model {
         if self.header.signal == Signal::Visibility {
             return Err(Error::CannotFold { signal: self.header.signal });
         }
+        if self.needs_surface() {
+            return Err(Error::NeedsSurface { what: "a light on this model" });
+        }
         let count = self.header.coefficients();
         let given = if light.len() == 3 * count { 3 } else { 1 };
         check_length("light", light.len(), given * count)?;

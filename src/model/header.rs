@@ -6,33 +6,12 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::{Error, RigHeader};
+pub(super) use super::limits;
+use super::{Error, OccluderSizes, RigHeader};
 use crate::sh::Order;
 
 /// The version that this build writes, and the newest that it reads.
 pub const FORMAT_VERSION: u32 = 1;
-
-/// Bounds on what a header may claim; a blob may come from anybody.
-pub mod limits {
-    /// Bytes of the safetensors header, which holds ours.
-    pub const HEADER_BYTES: u64 = 8 << 20;
-    /// Merged vertices, and vertices.
-    pub const POINTS: u64 = 1 << 26;
-    /// Pose parameters.
-    pub const PARAMETERS: u64 = 1 << 14;
-    /// Clusters of poses or of points.
-    pub const CLUSTERS: u64 = 1 << 12;
-    /// Output dimensions of `pca-linear`, or of a cluster.
-    pub const OUTPUTS: u64 = 1 << 12;
-    /// Nodes of the rig.
-    pub const NODES: u64 = 1 << 16;
-    /// Bones of a model in the bone frame.
-    pub const BONES: u64 = 1 << 16;
-    /// Bytes of any one name.
-    pub const NAME_BYTES: u64 = 1 << 10;
-    /// Parts of the mesh.
-    pub const PARTS: u64 = 1 << 16;
-}
 
 /// Gives an enum of unit variants its name in headers and messages.
 macro_rules! named {
@@ -165,6 +144,13 @@ pub struct Header {
     pub frame: Frame,
     /// [`Header::conventions`]; a blob with others is refused.
     pub conventions: BTreeMap<String, String>,
+    /// Whether the model says only what occlusion takes away: the unshadowed signal of the posed
+    /// normal is then added to what the tensors give.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub unshadowed: bool,
+    /// Sizes of the occluders, where the model has them; set by `Model::with_occluders`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub occluders: Option<OccluderSizes>,
     /// What turns a tool's pose into parameters and bone rotations.
     pub rig: RigHeader,
     /// Which mesh the model belongs to.
@@ -175,6 +161,11 @@ pub struct Header {
     pub errors: BTreeMap<String, Value>,
     /// Where the model comes from.
     pub provenance: Provenance,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde calls it so")]
+fn is_false(flag: &bool) -> bool {
+    !flag
 }
 
 /// The mesh that a model was made for.

@@ -17,8 +17,11 @@ mod fitted;
 mod fold;
 mod frame;
 mod header;
+pub mod limits;
 mod multilinear;
+pub mod occluder;
 mod pose;
+mod posed;
 mod rig;
 mod rig_header;
 #[cfg(test)]
@@ -33,10 +36,12 @@ pub use fitted::Model;
 pub use fold::Folded;
 pub use header::{
     FORMAT_VERSION, Family, Frame, Header, MeshIdentity, PartRange, Precision, Provenance, Signal,
-    TrainingSummary, limits,
+    TrainingSummary,
 };
 pub use multilinear::Multilinear;
+pub use occluder::{OccluderSizes, Occluders, Surface};
 pub use pose::{JointPose, JointTransform};
+pub use posed::{PosedInput, unshadowed};
 pub use rig_header::{
     ColumnHeader, NodeHeader, RigHeader, RootMotionHeader, SourceHeader, WeightHeader,
 };

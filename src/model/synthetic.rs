@@ -2,9 +2,10 @@
 
 use glam::{Quat, Vec3};
 
+use super::occluder::ANCHORS;
 use super::{
     Cluster, Clustered, Decoder, Family, Form, Frame, Header, MeshIdentity, Model, Multilinear,
-    PartRange, Precision, Provenance, RigHeader, Signal, TrainingSummary,
+    Occluders, PartRange, Precision, Provenance, RigHeader, Signal, TrainingSummary,
 };
 use crate::num::random::Stream;
 use crate::rig::{Bones, Column, Node, Parametrisation, RootMotion, Skeleton, Source, Transform};
@@ -84,6 +85,8 @@ pub(super) fn header(family: Family, signal: Signal, frame: Frame, channels: u8)
         channels,
         frame,
         conventions: Header::conventions(),
+        unshadowed: false,
+        occluders: None,
         rig: rig(),
         mesh: MeshIdentity {
             scene_sha256: "0123456789abcdef".repeat(4),
@@ -208,4 +211,32 @@ pub(super) fn all() -> Vec<Model> {
         }
     }
     models
+}
+
+/// A model with five occluders in three groups that learns only what occlusion takes away.
+pub(super) fn occluded(family: Family, signal: Signal) -> Model {
+    let header = Header { unshadowed: true, ..header(family, signal, Frame::Bone, 1) };
+    let decoder = decoder(&header);
+    let (point_of_vertex, bone_of_point) = maps();
+    let model = Model::new(header, decoder, point_of_vertex, bone_of_point);
+    model.and_then(|model| model.with_occluders(occluders())).expect("a valid model")
+}
+
+pub(super) fn occluders() -> Occluders {
+    let spheres = 5;
+    Occluders {
+        anchors: (0..spheres * ANCHORS).map(|i| (i * 7 % POINTS) as u32).collect(),
+        offsets: numbers(61, spheres * 3).iter().map(|x| 0.1 * x).collect(),
+        radii: numbers(62, spheres).iter().map(|x| 0.3 + 0.2 * x).collect(),
+        group_of: (0..3 * spheres).map(|i| (i * 5 % 3) as u8).collect(),
+        weights: numbers(63, POINTS * 3),
+    }
+}
+
+/// Positions and unit normals of a posed mesh.
+pub(super) fn surface() -> (Vec<Vec3>, Vec<Vec3>) {
+    let vectors = |seed| numbers(seed, POINTS * 3).as_chunks().0.to_vec();
+    let positions = vectors(64).into_iter().map(Vec3::from_array).collect();
+    let normals = vectors(65).into_iter().map(|n| Vec3::from_array(n).normalize()).collect();
+    (positions, normals)
 }

@@ -5,8 +5,8 @@ use std::fmt::Display;
 use super::recipe::surroundings::GroundRecipe;
 use super::recipe::{
     BakeRecipe, DEFAULT_INPUTS, DEFAULT_OUTPUTS, DEFAULT_POSE_CLUSTERS, DEFAULT_RETAINED,
-    FamilyName, FitRecipe, FrameName, OnName, ParametrisationName, PosesRecipe, PrecisionName,
-    Recipe, RidgeName, SignalName, TargetRecipe, VERSION,
+    DEFAULT_SPHERES, FamilyName, FitRecipe, FrameName, OnName, ParametrisationName, PosesRecipe,
+    PrecisionName, Recipe, RidgeName, SignalName, TargetRecipe, VERSION,
 };
 use crate::rig::ParametrisationKind;
 use crate::sh::Order;
@@ -147,7 +147,7 @@ fn checked_fit(fit: &FitRecipe, on: OnName) -> Result<fit::Settings, RecipeError
         require((1..=4096).contains(&size), field, size, "it must be 1 to 4096")?;
     }
     let family = match fit.family {
-        FamilyName::Mean => fit::Family::Mean,
+        FamilyName::Mean | FamilyName::Occluder => fit::Family::Mean,
         FamilyName::Linear => fit::Family::Linear,
         FamilyName::PcaLinear => match retaining(fit)? {
             Some((inputs, outputs)) => fit::Family::PcaRetaining { inputs, outputs },
@@ -176,7 +176,16 @@ fn checked_fit(fit: &FitRecipe, on: OnName) -> Result<fit::Settings, RecipeError
         OnName::Novel => fit::On::Novel,
         OnName::Trained => fit::On::Trained,
     };
-    Ok(fit::Settings { family, frame, ridge, on, seed: fit.seed })
+    let (unshadowed, spheres) = occluders(fit)?;
+    Ok(fit::Settings { family, frame, ridge, on, unshadowed, spheres, seed: fit.seed })
+}
+
+/// Whether the unshadowed part is left out, and how many spheres explain the rest.
+fn occluders(fit: &FitRecipe) -> Result<(bool, Option<usize>), RecipeError> {
+    let occluder = fit.family == FamilyName::Occluder;
+    let spheres = fit.spheres.unwrap_or(DEFAULT_SPHERES);
+    require((1..=4096).contains(&spheres), "fit.spheres", spheres, "it must be 1 to 4096")?;
+    Ok((fit.unshadowed.unwrap_or(occluder), occluder.then_some(spheres as usize)))
 }
 
 fn multilinear(fit: &FitRecipe, inputs: u32) -> Result<fit::MultilinearSizes, RecipeError> {
@@ -316,6 +325,7 @@ mod tests {
             fault(|r| (r.fit.outputs, r.fit.retain_outputs) = (Some(4), Some(0.9))),
             "fit.retain_outputs"
         );
+        assert_eq!(fault(|r| r.fit.spheres = Some(0)), "fit.spheres");
         assert_eq!(fault(|r| r.fit.ridge = RidgeName::Fixed), "fit.alpha");
         assert_eq!(fault(|r| r.target.reference_factor = 7), "target.reference_factor");
         assert_eq!(fault(|r| r.target.reference_poses = 0), "target.reference_poses");

@@ -6,12 +6,13 @@ use std::time::Instant;
 use serde_json::Value;
 
 use super::recipe::Recipe;
-use super::{Checked, Error, Hashes, encoding};
+use super::{Checked, Error, Hashes, Job, encoding};
 use crate::dataset::{Dataset, Training};
 use crate::fit::{self, FitReport, Fitted};
 use crate::model::{
     self, FORMAT_VERSION, Frame, Header, MeshIdentity, Model, PartRange, Provenance, RigHeader,
 };
+use crate::pose::Split;
 
 /// A model with the story of its fit.
 #[derive(Debug)]
@@ -37,19 +38,25 @@ pub fn fit(dataset: &Dataset, recipe: &Recipe) -> Result<FittedModel, Error> {
         settings.family = fit::Family::Mean;
     }
     if dataset.header().attributes.signal == "ao" {
-        // A scalar has no frame.
-        settings.frame = Frame::Root;
+        // A scalar has no frame; but occluders are grouped by the points' bones.
+        settings.frame = if settings.spheres.is_some() { Frame::Bone } else { Frame::Root };
     }
     let start = Instant::now();
     let (training, rig) = encoding::training(dataset, recipe)?;
-    let fitted = fit_sizes(&training, settings, recipe)?;
+    let job = (settings.unshadowed || settings.spheres.is_some()).then(|| super::job_of(dataset));
+    let job = job.transpose()?;
+    let fitted = fit_sizes(&training, settings, recipe, job.as_ref())?;
     let fit_s = start.elapsed().as_secs_f64();
-    let Fitted { decoder, training, report } = fitted;
+    let Fitted { decoder, training, report, occluders } = fitted;
     let kind = (decoder.family(), settings.frame);
-    let header = header(dataset, recipe, &checked, (training, rig), kind);
+    let mut header = header(dataset, recipe, &checked, (training, rig), kind);
+    header.unshadowed = settings.unshadowed;
     let mesh = dataset.mesh();
     let bones = mesh.bone_of_point.clone();
-    let model = Model::new(header, decoder, mesh.point_of_vertex.clone(), bones)?;
+    let mut model = Model::new(header, decoder, mesh.point_of_vertex.clone(), bones)?;
+    if let Some(occluders) = occluders {
+        model = model.with_occluders(occluders)?;
+    }
     Ok(FittedModel { model, report, fit_s })
 }
 
@@ -58,9 +65,14 @@ fn fit_sizes(
     training: &Training,
     mut settings: fit::Settings,
     recipe: &Recipe,
+    job: Option<&Job>,
 ) -> Result<Fitted, Error> {
+    let geometry = job.map(geometry);
+    let posed = job
+        .zip(geometry.as_ref())
+        .map(|(job, geometry)| (geometry, job.checked.bake.signal, job.checked.bake.order));
     loop {
-        let error = match fit::fit(training, &settings) {
+        let error = match fit::fit_posed(training, &settings, posed) {
             Ok(fitted) => return Ok(fitted),
             Err(error) => error,
         };
@@ -83,6 +95,18 @@ fn fit_sizes(
     }
 }
 
+/// The job's mesh at its training poses.
+fn geometry(job: &Job) -> fit::Geometry<'_> {
+    let training = job.poses.samples.iter().filter(|sample| sample.split == Split::Training);
+    fit::Geometry {
+        skeleton: &job.scene.skeleton,
+        mesh: &job.scene.mesh,
+        points: &job.poses.points,
+        bones: &job.poses.bones,
+        poses: training.map(|sample| (&sample.pose, sample.root)).collect(),
+    }
+}
+
 /// The mean over training poses in the same frame: what every model must beat.
 ///
 /// # Errors
@@ -90,6 +114,7 @@ fn fit_sizes(
 pub fn fit_mean(dataset: &Dataset, recipe: &Recipe) -> Result<Model, Error> {
     let mut recipe = recipe.clone();
     recipe.fit.family = super::recipe::FamilyName::Mean;
+    recipe.fit.unshadowed = None;
     Ok(fit(dataset, &recipe)?.model)
 }
 
@@ -133,6 +158,8 @@ fn header(
         channels: layout.channels as u8,
         frame,
         conventions: Header::conventions(),
+        unshadowed: false,
+        occluders: None,
         mesh: MeshIdentity {
             scene_sha256: scene,
             vertices: layout.vertices as u32,

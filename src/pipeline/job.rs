@@ -2,11 +2,14 @@
 
 use std::path::Path;
 
+use glam::Vec3;
+
 use super::hash::{self, Hashes};
 use super::recipe::Recipe;
 use super::surroundings::{self, Occluders};
 use super::{Checked, Error};
 use crate::bake::{self, Baker};
+use crate::model::Surface;
 use crate::pose::{self, PoseSet};
 use crate::rig::{self, Deformed};
 use crate::scene::{self, Limits, Scene};
@@ -18,6 +21,20 @@ use crate::scene::{self, Limits, Scene};
 pub fn import(path: &Path) -> Result<Scene, Error> {
     scene::import(path, &Limits::default())
         .map_err(|source| Error::Scene { file: path.display().to_string(), source })
+}
+
+/// A posed mesh by points, root frame.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct PointSurface {
+    positions: Vec<Vec3>,
+    normals: Vec<Vec3>,
+}
+
+impl PointSurface {
+    /// As a model takes it.
+    pub(super) fn as_surface(&self) -> Surface<'_> {
+        Surface { positions: &self.positions, normals: &self.normals }
+    }
 }
 
 /// Everything that a bake needs, checked and resolved.
@@ -102,6 +119,15 @@ impl Job {
     pub fn baker(&self, settings: &bake::Settings) -> Result<Baker, Error> {
         let (triangles, points) = self.occluders.with(&self.scene.mesh, &self.poses.points);
         Ok(Baker::new(&triangles, &points, settings)?.within(self.surroundings.clone())?)
+    }
+
+    /// The points of one pose in the character's root frame.
+    pub(super) fn surface(&self, pose: usize) -> PointSurface {
+        let Deformed { positions, normals } = self.deformed(pose);
+        let of_points = |vectors: &[Vec3]| {
+            self.poses.points.vertex.iter().map(|&vertex| vectors[vertex as usize]).collect()
+        };
+        PointSurface { positions: of_points(&positions), normals: of_points(&normals) }
     }
 
     /// The key of a pose's clip in random streams: a hash of the clip's name, so that neither the

@@ -2,12 +2,13 @@
 
 use std::time::Instant;
 
+use super::job::PointSurface;
 use super::progress::{Progress, Stage, Watch};
 use super::recipe::Recipe;
-use super::{Error, encoding, fit_mean, recipe_of};
+use super::{Error, Job, encoding, fit_mean, recipe_of};
 use crate::dataset::{Dataset, Reference};
 use crate::measure::{Candidate, Case, Kind, Measured, Measurement, Settings};
-use crate::model::{Model, Precision};
+use crate::model::{Model, PosedInput, Precision};
 use crate::pose::Split;
 
 /// Candidates of one measurement: the model, the mean that it must beat, and the model at each
@@ -18,6 +19,8 @@ struct Candidates {
     /// Of every pose of the data set, `[pose, parameter]`: the same for all, since one recipe made
     /// them.
     parameters: Vec<f32>,
+    /// Poses the mesh, where a model looks at it.
+    job: Option<Job>,
 }
 
 /// Measures a model on every pose that the references cover, beside the mean that `recipe` gives.
@@ -80,7 +83,9 @@ fn candidates(model: &Model, mean: Model, dataset: &Dataset) -> Result<Candidate
         }
     }
     let parameters = encoding::parameters(model, dataset)?;
-    Ok(Candidates { models, entries, parameters })
+    let job =
+        models.iter().any(Model::needs_surface).then(|| super::job_of(dataset)).transpose()?;
+    Ok(Candidates { models, entries, parameters, job })
 }
 
 fn settings(
@@ -134,8 +139,10 @@ impl Bench {
             reference.read(seed, index, out)?;
         }
         self.normals = reference.read_normals(index)?;
+        let surface = candidates.job.as_ref().map(|job| job.surface(self.pose));
         for (model, out) in candidates.models.iter().zip(&mut self.values) {
-            predict(model, dataset, &candidates.parameters, self.pose, out)?;
+            let pose = (self.pose, surface.as_ref());
+            predict(model, dataset, &candidates.parameters, pose, out)?;
         }
         Ok(())
     }
@@ -163,14 +170,17 @@ fn predict(
     model: &Model,
     dataset: &Dataset,
     parameters: &[f32],
-    pose: usize,
+    (pose, surface): (usize, Option<&PointSurface>),
     out: &mut [f32],
 ) -> Result<(), Error> {
     let layout = &dataset.header().layout;
     let row = |width: usize| pose * width..(pose + 1) * width;
-    model.evaluate(&parameters[row(model.header().parameters())], None, out)?;
-    model.to_root_frame(&dataset.bone_rotations()[row(layout.bones)], None, out)?;
-    Ok(())
+    let input = PosedInput {
+        parameters: &parameters[row(model.header().parameters())],
+        bone_rotations: &dataset.bone_rotations()[row(layout.bones)],
+        surface: surface.map(PointSurface::as_surface),
+    };
+    Ok(model.evaluate_posed(&input, out)?)
 }
 
 fn split(index: u8) -> Split {

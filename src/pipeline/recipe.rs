@@ -188,6 +188,9 @@ pub const DEFAULT_POSE_CLUSTERS: u32 = 10;
 /// Share of variance that `pca-linear` keeps where only the other side's is asked for (§5 again).
 pub const DEFAULT_RETAINED: f64 = 0.9;
 
+/// Spheres of `occluder` where none are asked for.
+pub const DEFAULT_SPHERES: u32 = 100;
+
 /// Output dimensions of `pca-linear` where none are asked for; likewise.
 pub const DEFAULT_OUTPUTS: u32 = 22;
 
@@ -222,6 +225,11 @@ pub struct FitRecipe {
     pub blend_exponent: f64,
     /// How a pose becomes numbers, where it is not `poses.parametrisation`: needs no new bake.
     pub parametrisation: Option<ParametrisationName>,
+    /// Whether the model leaves the unshadowed signal of the posed normal to whoever evaluates it,
+    /// and learns only what occlusion takes away. When absent, true for `occluder` and false else.
+    pub unshadowed: Option<bool>,
+    /// Spheres on the bones of `occluder`, 1 to 4096. When absent 100; at least one for every bone.
+    pub spheres: Option<u32>,
     /// The frame in which coefficients are modelled.
     pub frame: FrameName,
     /// How the regularisation is chosen.
@@ -246,6 +254,8 @@ impl Default for FitRecipe {
             published: false,
             blend_exponent: 10.0,
             parametrisation: None,
+            unshadowed: None,
+            spheres: None,
             frame: FrameName::Bone,
             ridge: RidgeName::LeaveOneClipOut,
             alpha: None,
@@ -266,6 +276,9 @@ pub enum FamilyName {
     PcaLinear,
     /// Linear around each of several poses, blended (Kirk and Arikan 2007).
     Multilinear,
+    /// What spheres on the bones block, weighted at each vertex, about a mean; evaluation needs the
+    /// posed mesh.
+    Occluder,
 }
 
 /// Frames of coefficients by name.

@@ -5,12 +5,13 @@ use std::time::Instant;
 
 use super::{Error, encoding};
 use crate::dataset::Dataset;
-use crate::model::{Model, Signal};
+use crate::model::{Model, PosedInput, Signal};
 
 /// Microseconds of one evaluation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct EvaluationTimes {
-    /// All coefficients of all points, the model's frame.
+    /// All coefficients of all points, the model's frame; the root frame where the model looks at
+    /// the posed mesh.
     pub(super) all_us: f64,
     /// One number per point under one light; absent where the signal does not fold.
     pub(super) folded_us: Option<f64>,
@@ -25,12 +26,25 @@ pub(super) fn evaluate(model: &Model, dataset: &Dataset) -> Result<EvaluationTim
     let parameters = encoding::parameters(model, dataset)?;
     let parameters = &parameters[..model.header().parameters()];
     let mut out = vec![0.0; layout.points * layout.row()];
-    let all_us = median_us(|| Ok(model.evaluate(black_box(parameters), None, &mut out)?))?;
+    let all_us = if model.needs_surface() {
+        let surface = super::job_of(dataset)?.surface(0);
+        let input = PosedInput {
+            parameters,
+            bone_rotations: &dataset.bone_rotations()[..layout.bones],
+            surface: Some(surface.as_surface()),
+        };
+        median_us(|| Ok(model.evaluate_posed(black_box(&input), &mut out)?))?
+    } else {
+        median_us(|| Ok(model.evaluate(black_box(parameters), None, &mut out)?))?
+    };
     Ok(EvaluationTimes { all_us, folded_us: folded(model, dataset, parameters)? })
 }
 
 fn folded(model: &Model, dataset: &Dataset, parameters: &[f32]) -> Result<Option<f64>, Error> {
-    if model.header().signal == Signal::Visibility || model.header().channels != 1 {
+    if model.needs_surface()
+        || model.header().signal == Signal::Visibility
+        || model.header().channels != 1
+    {
         return Ok(None);
     }
     let light = vec![1.0; model.header().coefficients()];

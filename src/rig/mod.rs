@@ -19,6 +19,7 @@ mod pose;
 mod rotation;
 mod skeleton;
 mod split;
+mod subset;
 mod upright;
 
 pub use bones::{Bones, bone_rotations, carried_weight, root_frame, root_node};

@@ -115,6 +115,39 @@ pub fn evaluate(order: Order, direction: Vec3, out: &mut [f32]) {
     dispatch!(order, bands_f32, table, direction.to_array(), out);
 }
 
+/// [`evaluate`] of `L` unit directions at once, given by axis; `out[i]` holds y_i of all of them.
+/// Plain loops over the lanes, which the compiler turns into vectors.
+///
+/// # Panics
+/// If `out` is shorter than n².
+#[inline(always)]
+pub fn evaluate_lanes<const L: usize>(order: Order, axes: &[[f32; L]; 3], out: &mut [[f32; L]]) {
+    let (table, bands) = (&*RECURRENCE_F32, order.bands());
+    let [x, y, z] = axes;
+    let (mut cos, mut sin) = ([1.0; L], [0.0; L]);
+    for m in 0..bands {
+        let (mut before, mut legendre) = ([0.0; L], [table.diagonal[m]; L]);
+        for l in m..bands {
+            let (up, down, centre) = (table.up[m][l], table.down[m][l], l * (l + 1));
+            for i in 0..L {
+                if l > m {
+                    let next = up * z[i] * legendre[i] - down * before[i];
+                    (before[i], legendre[i]) = (legendre[i], next);
+                }
+                out[centre + m][i] = legendre[i] * cos[i];
+            }
+            if m > 0 {
+                for i in 0..L {
+                    out[centre - m][i] = legendre[i] * sin[i];
+                }
+            }
+        }
+        for i in 0..L {
+            (cos[i], sin[i]) = (x[i] * cos[i] - y[i] * sin[i], x[i] * sin[i] + y[i] * cos[i]);
+        }
+    }
+}
+
 /// [`evaluate`] in f64.
 ///
 /// # Panics
@@ -147,6 +180,24 @@ mod tests {
             for j in 0..100 {
                 let expected = f64::from(u8::from(i == j));
                 assert!((gram[i * 100 + j] - expected).abs() < 1e-12, "{i} {j}");
+            }
+        }
+    }
+
+    /// Many directions at once are each direction alone, for all orders.
+    #[test]
+    fn lanes_are_single_directions() {
+        let directions = [[0.36, -0.48, 0.8], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [-0.6, 0.8, 0.0]];
+        let axes = [0, 1, 2].map(|axis| directions.map(|direction: [f32; 3]| direction[axis]));
+        for bands in 1..=10 {
+            let order = Order::new(bands).unwrap();
+            let (mut all, mut one) = ([[0.0; 4]; 100], [0.0; 100]);
+            evaluate_lanes(order, &axes, &mut all);
+            for (lane, &direction) in directions.iter().enumerate() {
+                evaluate(order, Vec3::from_array(direction), &mut one);
+                for i in 0..order.coefficients() {
+                    assert!((all[i][lane] - one[i]).abs() < 1e-6, "{bands} {lane} {i}");
+                }
             }
         }
     }

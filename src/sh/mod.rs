@@ -12,7 +12,7 @@ mod quadrature;
 mod rotation;
 pub mod zonal;
 
-pub use basis::{evaluate, evaluate_f64};
+pub use basis::{evaluate, evaluate_f64, evaluate_lanes};
 pub use hemisphere::{hemisphere_gram, hemisphere_gram_pole};
 pub use quadrature::gauss_legendre;
 pub use rotation::Rotation;

@@ -3,14 +3,15 @@
 use std::path::Path;
 
 use anyhow::{Context, bail, ensure};
+use glam::Vec3;
 use serde_json::json;
 
 use crate::cli::args::EvaluateArgs;
 use crate::cli::{Answer, files as arrays};
-use crate::model::{Frame, Model, Signal};
+use crate::model::{Frame, Model, PosedInput, Signal, Surface};
 use crate::pipeline::{self, files};
 use crate::pose;
-use crate::rig::Pose;
+use crate::rig::{self, Deformed, Pose};
 use crate::scene::Scene;
 
 /// One pose as the model takes it.
@@ -18,6 +19,8 @@ struct Query {
     parameters: Vec<f32>,
     /// Absent where only parameters are known: the values then stay in the model's frame.
     pose: Option<Pose>,
+    /// Where the model looks at the posed mesh: its points in the root frame.
+    surface: Option<Deformed>,
 }
 
 pub(in crate::cli) fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Answer> {
@@ -68,12 +71,18 @@ fn from_parameters(model: &Model, path: &Path) -> anyhow::Result<Vec<Query>> {
     let (shape, values) = arrays::read_npy(path)?;
     let width = model.header().parameters();
     ensure!(
+        !model.needs_surface(),
+        "the model looks at the posed mesh, which parameters alone do not give: name a scene with \
+         --scene and --clip"
+    );
+    ensure!(
         shape.len() == 2 && shape[1] == width && width > 0,
         "{} has shape {shape:?}, the model takes [pose, {width}]",
         path.display()
     );
     let rows = values.chunks_exact(width);
-    Ok(rows.map(|row| Query { parameters: row.to_vec(), pose: None }).collect())
+    let query = |row: &[f32]| Query { parameters: row.to_vec(), pose: None, surface: None };
+    Ok(rows.map(query).collect())
 }
 
 fn from_clip(model: &Model, path: &Path, name: &str, fps: f32) -> anyhow::Result<Vec<Query>> {
@@ -88,12 +97,38 @@ fn from_clip(model: &Model, path: &Path, name: &str, fps: f32) -> anyhow::Result
     let order = node_order(model, &scene)?;
     (0..frames)
         .map(|frame| {
-            let pose = pose::evaluate(clip, frame as f32 / fps, &rest);
-            let local = order.iter().map(|&node| pose.local[node]).collect();
-            let pose = Pose { local, weights: pose.weights };
-            Ok(Query { parameters: model.parameters_of_pose(&pose)?, pose: Some(pose) })
+            let of_scene = pose::evaluate(clip, frame as f32 / fps, &rest);
+            let local = order.iter().map(|&node| of_scene.local[node]).collect();
+            let pose = Pose { local, weights: of_scene.weights.clone() };
+            let surface = model.needs_surface().then(|| surface(model, &scene, &of_scene, &pose));
+            let parameters = model.parameters_of_pose(&pose)?;
+            Ok(Query { parameters, surface: surface.transpose()?, pose: Some(pose) })
         })
         .collect()
+}
+
+/// The model's points as the scene poses them, in the root frame. `of_scene` has the scene's order
+/// of nodes, `pose` the model's.
+fn surface(model: &Model, scene: &Scene, of_scene: &Pose, pose: &Pose) -> anyhow::Result<Deformed> {
+    let vertices = model.header().mesh.vertices as usize;
+    ensure!(
+        scene.mesh.positions.len() == vertices,
+        "the scene has {} vertices, but the model is of a mesh with {vertices}",
+        scene.mesh.positions.len()
+    );
+    let globals = scene.skeleton.globals(&of_scene.local);
+    let mut deformed = Deformed::default();
+    let root = model.root_frame_of(pose)?;
+    rig::deform(&scene.mesh, &globals, &of_scene.weights, root, &mut deformed);
+    let mut points = Deformed {
+        positions: vec![Vec3::ZERO; model.shape().points],
+        normals: vec![Vec3::Y; model.shape().points],
+    };
+    for (vertex, &point) in model.point_of_vertex().iter().enumerate() {
+        points.positions[point as usize] = deformed.positions[vertex];
+        points.normals[point as usize] = deformed.normals[vertex];
+    }
+    Ok(points)
 }
 
 /// The scene's node for each of the model's.
@@ -111,10 +146,20 @@ fn node_order(model: &Model, scene: &Scene) -> anyhow::Result<Vec<usize>> {
 fn coefficients(model: &Model, query: &Query) -> anyhow::Result<Vec<f32>> {
     let header = model.header();
     let mut out = vec![0.0; header.mesh.points as usize * header.width()];
-    model.evaluate(&query.parameters, None, &mut out)?;
-    if let Some(pose) = &query.pose {
-        model.to_root_frame(&model.bone_rotations_of(pose)?, None, &mut out)?;
-    }
+    let Some(pose) = &query.pose else {
+        model.evaluate(&query.parameters, None, &mut out)?;
+        return Ok(out);
+    };
+    let surface = query
+        .surface
+        .as_ref()
+        .map(|points| Surface { positions: &points.positions, normals: &points.normals });
+    let input = PosedInput {
+        parameters: &query.parameters,
+        bone_rotations: &model.bone_rotations_of(pose)?,
+        surface,
+    };
+    model.evaluate_posed(&input, &mut out)?;
     Ok(out)
 }
 

@@ -21,6 +21,11 @@ pub(super) const POINT_OF_VERTEX: &str = "map.point_of_vertex";
 pub(super) const ROW_OF_POINT: &str = "map.row_of_point";
 pub(super) const CLUSTER_OF_POINT: &str = "map.cluster_of_point";
 pub(super) const BONE_OF_POINT: &str = "map.bone_of_point";
+pub(super) const OCCLUDER_WEIGHTS: &str = "occluder.weights";
+pub(super) const OCCLUDER_OFFSETS: &str = "occluder.offsets";
+pub(super) const OCCLUDER_RADII: &str = "occluder.radii";
+pub(super) const OCCLUDER_ANCHORS: &str = "map.occluder_anchors";
+pub(super) const OCCLUDER_GROUPS: &str = "map.occluder_groups";
 
 /// One tensor of numbers.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -148,6 +153,11 @@ pub(super) fn cluster_name(cluster: usize, what: &str) -> String {
     format!("cluster.{cluster}.{what}")
 }
 
+/// The weights of occluders, stored like a decoder's numbers.
+pub(super) fn occluder_weights(points: usize, groups: usize) -> Entry {
+    Entry::new(OCCLUDER_WEIGHTS, &[points, groups], 0)
+}
+
 /// A decoder's arrays, in the order of [`entries`].
 pub(super) fn arrays(decoder: &Decoder) -> Vec<&[f32]> {
     match decoder {
@@ -252,7 +262,7 @@ pub(super) fn sizes(model: &Model, precision: Precision) -> Sizes {
     let plain = matches!(header.family, Family::Mean | Family::Linear | Family::PcaLinear);
     let decoder = (!plain).then(|| model.decoder());
     let detail = decoder.as_ref().map_or(Detail::Plain, |d| Detail::of(d, &shape));
-    let mut sizes = Sizes { decoder: 0, scales: 0, directions: 0, maps: 0 };
+    let mut sizes = Sizes { decoder: 0, scales: 0, directions: 0, maps: 0, occluders: 0 };
     for entry in entries(header.family, &shape, &detail) {
         let own = entry.precision(precision);
         sizes.decoder += entry.shape.iter().product::<usize>() as u64 * own.bytes();
@@ -264,5 +274,12 @@ pub(super) fn sizes(model: &Model, precision: Precision) -> Sizes {
     let bones = model.bone_of_point().len() * index_dtype(header.rig.bones.len()).1;
     sizes.directions = 4 * header.training.directions.len() as u64;
     sizes.maps = (points + bones + own_map) as u64;
+    if let Some(occluders) = model.occluders() {
+        let groups = occluders.groups(shape.points);
+        let anchors = occluders.anchors.len() * index_dtype(shape.points).1;
+        sizes.scales += if precision == Precision::I8 { 4 * groups as u64 } else { 0 };
+        sizes.occluders = occluders.weights.len() as u64 * precision.bytes()
+            + (16 * occluders.spheres() + anchors + occluders.group_of.len()) as u64;
+    }
     sizes
 }

@@ -18,13 +18,15 @@ pub struct Sizes {
     pub directions: u64,
     /// Vertex → point and point → bone.
     pub maps: u64,
+    /// Spheres, groups and weights of occluders, where there are any.
+    pub occluders: u64,
 }
 
 impl Sizes {
     /// All tensors, the JSON header not counted.
     #[must_use]
     pub fn total(self) -> u64 {
-        self.decoder + self.scales + self.directions + self.maps
+        self.decoder + self.scales + self.directions + self.maps + self.occluders
     }
 }
 

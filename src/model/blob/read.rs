@@ -9,11 +9,15 @@ use serde::Deserialize;
 use super::super::clustered::{self, Form};
 use super::super::header::{limits, within};
 use super::super::multilinear;
-use super::super::{Error, FORMAT_VERSION, Family, Frame, Header, Model, Precision, Shape};
+use super::super::occluder::ANCHORS;
+use super::super::{
+    Error, FORMAT_VERSION, Family, Frame, Header, Model, OccluderSizes, Occluders, Precision, Shape,
+};
 use super::layout::{
     BASIS, BONE_OF_POINT, CLUSTER_OF_POINT, COEFFICIENTS, DIRECTIONS, Detail, Entry, MEAN,
-    POINT_OF_VERTEX, PROJECTION, ROW_OF_POINT, cluster_name, decoder, entries, index_dtype,
-    number_dtype,
+    OCCLUDER_ANCHORS, OCCLUDER_GROUPS, OCCLUDER_OFFSETS, OCCLUDER_RADII, POINT_OF_VERTEX,
+    PROJECTION, ROW_OF_POINT, cluster_name, decoder, entries, index_dtype, number_dtype,
+    occluder_weights,
 };
 use super::quantise::{decode, f32_values, index_values};
 
@@ -45,19 +49,50 @@ pub(super) fn read(bytes: &[u8]) -> Result<Model, Error> {
         header.training.directions = f32_values(bytes);
     }
     let vertices = header.mesh.vertices as usize;
-    let point_of_vertex = tensors.indices(POINT_OF_VERTEX, vertices, shape.points)?;
+    let point_of_vertex = tensors.indices(POINT_OF_VERTEX, &[vertices], shape.points)?;
     let bone_of_point = match header.frame {
         Frame::Root => Vec::new(),
         Frame::Bone => {
-            let bones = tensors.indices(BONE_OF_POINT, shape.points, header.rig.bones.len())?;
+            let bones = tensors.indices(BONE_OF_POINT, &[shape.points], header.rig.bones.len())?;
             // More bones than 16 bits name would have been refused with the header.
             bones.into_iter().map(|bone| bone as u16).collect()
         }
     };
     let map = own_map(&detail, &shape, &mut tensors)?;
+    let occluders = match header.occluders {
+        None => None,
+        Some(sizes) => Some(occluders(&mut tensors, &header, sizes)?),
+    };
     tensors.finish()?;
     let decoder = decoder(header.family, &detail, arrays, map);
-    Model::new(header, decoder, point_of_vertex, bone_of_point)
+    let model = Model::new(header, decoder, point_of_vertex, bone_of_point)?;
+    match occluders {
+        None => Ok(model),
+        Some(occluders) => model.with_occluders(occluders),
+    }
+}
+
+/// The tensors of occluders of these sizes; the model checks what they hold.
+fn occluders(
+    tensors: &mut Tensors<'_>,
+    header: &Header,
+    sizes: OccluderSizes,
+) -> Result<Occluders, Error> {
+    within("occluders", u64::from(sizes.spheres), limits::OCCLUDERS)?;
+    within("groups of occluders", u64::from(sizes.groups), limits::OCCLUDER_GROUPS)?;
+    let [points, spheres, groups] =
+        [header.mesh.points, sizes.spheres, sizes.groups].map(|size| size as usize);
+    let bones = header.rig.bones.len();
+    let (of_anchors, of_groups) = ([spheres, ANCHORS], [bones, spheres]);
+    let groups_of = tensors.indices(OCCLUDER_GROUPS, &of_groups, groups)?;
+    Ok(Occluders {
+        anchors: tensors.indices(OCCLUDER_ANCHORS, &of_anchors, points)?,
+        offsets: f32_values(tensors.take(OCCLUDER_OFFSETS, Dtype::F32, &[spheres, 3])?),
+        radii: f32_values(tensors.take(OCCLUDER_RADII, Dtype::F32, &[spheres])?),
+        // At most 256 groups, so every index was stored in a byte.
+        group_of: groups_of.into_iter().map(|group| group as u8).collect(),
+        weights: tensors.numbers(&occluder_weights(points, groups), header.precision)?,
+    })
 }
 
 /// The header, parsed but not checked, and the tensors.
@@ -137,9 +172,11 @@ fn own_map(detail: &Detail, shape: &Shape, tensors: &mut Tensors<'_>) -> Result<
     match detail {
         Detail::Multilinear(sizes) if sizes.mapped => {
             let count = sizes.clusters.saturating_mul(shape.points);
-            tensors.indices(ROW_OF_POINT, count, sizes.rows)
+            tensors.indices(ROW_OF_POINT, &[count], sizes.rows)
         }
-        Detail::Clustered(_, sizes) => tensors.indices(CLUSTER_OF_POINT, shape.points, sizes.len()),
+        Detail::Clustered(_, sizes) => {
+            tensors.indices(CLUSTER_OF_POINT, &[shape.points], sizes.len())
+        }
         _ => Ok(Vec::new()),
     }
 }
@@ -195,9 +232,9 @@ impl<'a> Tensors<'a> {
     }
 
     /// Indices below `below`, in the smallest type that holds them; the model checks the range.
-    fn indices(&mut self, name: &str, count: usize, below: usize) -> Result<Vec<u32>, Error> {
+    fn indices(&mut self, name: &str, shape: &[usize], below: usize) -> Result<Vec<u32>, Error> {
         let (dtype, size) = index_dtype(below);
-        Ok(index_values(self.take(name, dtype, &[count])?, size))
+        Ok(index_values(self.take(name, dtype, shape)?, size))
     }
 
     /// Nothing may be left over.

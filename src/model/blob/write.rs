@@ -6,9 +6,11 @@ use std::collections::HashMap;
 use safetensors::{Dtype, View};
 
 use super::super::header::{limits, within};
+use super::super::occluder::ANCHORS;
 use super::super::{Error, Header, Model, Precision};
 use super::layout::{
-    BONE_OF_POINT, DIRECTIONS, Detail, POINT_OF_VERTEX, arrays, entries, index_dtype, number_dtype,
+    BONE_OF_POINT, DIRECTIONS, Detail, OCCLUDER_ANCHORS, OCCLUDER_GROUPS, OCCLUDER_OFFSETS,
+    OCCLUDER_RADII, POINT_OF_VERTEX, arrays, entries, index_dtype, number_dtype, occluder_weights,
     own_map,
 };
 use super::quantise::{encode, f32_bytes, index_bytes};
@@ -54,7 +56,12 @@ fn tensors(model: &Model, precision: Precision) -> Result<Vec<(String, Tensor)>,
     let mut tensors = Vec::new();
     let detail = Detail::of(&decoder, &shape);
     let entries = entries(header.family, &shape, &detail);
-    for (entry, values) in entries.into_iter().zip(arrays(&decoder)) {
+    let mut numbers: Vec<_> = entries.into_iter().zip(arrays(&decoder)).collect();
+    if let Some(occluders) = model.occluders() {
+        let groups = occluders.groups(shape.points);
+        numbers.push((occluder_weights(shape.points, groups), &occluders.weights));
+    }
+    for (entry, values) in numbers {
         let precision = entry.precision(precision);
         let encoded = encode(&entry, values, precision)?;
         if precision == Precision::I8 {
@@ -72,19 +79,33 @@ fn tensors(model: &Model, precision: Precision) -> Result<Vec<(String, Tensor)>,
         let bytes = f32_bytes(directions);
         tensors.push((DIRECTIONS.to_owned(), Tensor { dtype: Dtype::F32, shape, bytes }));
     }
-    let mut index = |name: &str, count, indices: Vec<u32>| {
-        let (dtype, size) = index_dtype(count);
-        let shape = vec![indices.len()];
+    let mut index = |name: &str, below, shape: Vec<usize>, indices: Vec<u32>| {
+        let (dtype, size) = index_dtype(below);
         let bytes = index_bytes(indices.into_iter(), size);
         tensors.push((name.to_owned(), Tensor { dtype, shape, bytes }));
     };
     if let Some((name, count, map)) = own_map(&decoder, &detail) {
-        index(name, count, map.to_vec());
+        index(name, count, vec![map.len()], map.to_vec());
     }
-    index(POINT_OF_VERTEX, shape.points, model.point_of_vertex().to_vec());
+    let points = model.point_of_vertex().to_vec();
+    index(POINT_OF_VERTEX, shape.points, vec![points.len()], points);
+    let bones = header.rig.bones.len();
     if !model.bone_of_point().is_empty() {
-        let bones = model.bone_of_point().iter().map(|&bone| u32::from(bone)).collect();
-        index(BONE_OF_POINT, header.rig.bones.len(), bones);
+        let of_point = model.bone_of_point().iter().map(|&bone| u32::from(bone)).collect();
+        index(BONE_OF_POINT, bones, vec![shape.points], of_point);
+    }
+    if let Some(occluders) = model.occluders() {
+        let spheres = occluders.spheres();
+        let groups = occluders.group_of.iter().map(|&group| u32::from(group)).collect();
+        index(OCCLUDER_ANCHORS, shape.points, vec![spheres, ANCHORS], occluders.anchors.clone());
+        index(OCCLUDER_GROUPS, occluders.groups(shape.points), vec![bones, spheres], groups);
+        for (name, shape, values) in [
+            (OCCLUDER_OFFSETS, vec![spheres, 3], &occluders.offsets),
+            (OCCLUDER_RADII, vec![spheres], &occluders.radii),
+        ] {
+            let tensor = Tensor { dtype: Dtype::F32, shape, bytes: f32_bytes(values) };
+            tensors.push((name.to_owned(), tensor));
+        }
     }
     Ok(tensors)
 }

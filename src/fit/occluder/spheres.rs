@@ -1,0 +1,224 @@
+//! Spheres cut from the rest mesh: points whose largest inscribed balls lie together make one.
+//!
+//! The ball that touches the surface at a point from inside and meets it nowhere else (its medial
+//! ball, found by shrinking: Ma, Bae and Choi 2012) has its centre deep within a limb, the same
+//! for all points around it. So clusters of these centres, bone by bone, are cross-sections of
+//! limbs and parts of a trunk rather than patches of skin, and fill the body from inside.
+
+use glam::Vec3;
+
+use crate::fit::Error;
+use crate::fit::geometry::Geometry;
+use crate::model::occluder::ANCHORS;
+use crate::num::linalg::{Mat, symmetric_eigen};
+use crate::rig::Deformed;
+
+/// Points that are looked at, at most: the search for balls is quadratic in them.
+const CLOUD: usize = 6000;
+/// Largest and smallest radius of a ball, over the diagonal of the rest mesh.
+const RADII: [f32; 2] = [0.001, 0.15];
+/// What a unit of normal counts beside lengths when clusters are cut, over the same diagonal:
+/// enough to part front and back of a flat trunk, too little to part the sides of a limb.
+const NORMAL_LENGTH: f32 = 0.025;
+/// Spheres are this much larger than the mean of their balls, to close the gaps between them.
+const INFLATION: f32 = 1.2;
+/// Most rounds of shrinking a ball.
+const ROUNDS: usize = 12;
+/// A ball that would shrink by less than this is found.
+const FOUND: f32 = 0.98;
+
+/// Spheres at rest.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Spheres {
+    /// `[sphere, ANCHORS]`, points.
+    pub(super) anchors: Vec<u32>,
+    /// From the anchors' mean to the centre, metres.
+    pub(super) offsets: Vec<Vec3>,
+    /// Metres.
+    pub(super) radii: Vec<f32>,
+}
+
+/// A point that is looked at.
+#[derive(Debug, Clone, Copy)]
+struct Sample {
+    point: u32,
+    bone: u16,
+    position: Vec3,
+    /// Unit, times [`NORMAL_LENGTH`].
+    normal: Vec3,
+    area: f32,
+    ball_centre: Vec3,
+    ball_radius: f32,
+}
+
+/// Cuts `count` spheres, or as many as the mesh allows; at least one for every bone.
+pub(super) fn cut(geometry: &Geometry<'_>, count: usize) -> Result<Spheres, Error> {
+    let rest = geometry.rest();
+    let areas = geometry.areas(&rest.positions);
+    let diagonal = diagonal(&rest.positions);
+    let samples = samples(geometry, &rest, &areas, diagonal);
+    let mut spheres = Spheres::default();
+    for cluster in clusters(&samples, count)? {
+        let area: f32 = cluster.iter().map(|s| s.area).sum();
+        let mean = |value: &dyn Fn(&Sample) -> Vec3| -> Vec3 {
+            cluster.iter().map(|s| s.area * value(s)).sum::<Vec3>() / area
+        };
+        let centre = mean(&|s| s.ball_centre);
+        let radius = cluster.iter().map(|s| s.area * s.ball_radius).sum::<f32>() / area;
+        let anchors = spread(&cluster);
+        let carried: Vec3 = anchors.iter().map(|s| s.position).sum::<Vec3>() / ANCHORS as f32;
+        spheres.anchors.extend(anchors.iter().map(|s| s.point));
+        spheres.offsets.push(centre - carried);
+        spheres.radii.push(INFLATION * radius);
+    }
+    Ok(spheres)
+}
+
+fn diagonal(positions: &[Vec3]) -> f32 {
+    let first = positions.first().copied().unwrap_or_default();
+    let (low, high) =
+        positions.iter().fold((first, first), |(low, high), &p| (low.min(p), high.max(p)));
+    (high - low).length().max(f32::MIN_POSITIVE)
+}
+
+fn samples(geometry: &Geometry<'_>, rest: &Deformed, areas: &[f32], diagonal: f32) -> Vec<Sample> {
+    let stride = rest.positions.len().div_ceil(CLOUD).max(1);
+    let cloud: Vec<Vec3> = rest.positions.iter().copied().step_by(stride).collect();
+    // A point without triangles still counts a little, so that no sum of areas is 0.
+    let least = areas.iter().sum::<f32>().max(f32::MIN_POSITIVE) * 1e-6 / areas.len() as f32;
+    let sample = |point: usize| {
+        let (position, normal) = (rest.positions[point], rest.normals[point]);
+        let ball_radius = ball(position, normal, &cloud, diagonal);
+        Sample {
+            point: point as u32,
+            bone: geometry.bones.of_point[point],
+            position,
+            normal: normal * (NORMAL_LENGTH * diagonal),
+            area: areas[point].max(least),
+            ball_centre: position - ball_radius * normal,
+            ball_radius,
+        }
+    };
+    use rayon::prelude::*;
+    let points: Vec<usize> = (0..rest.positions.len()).step_by(stride).collect();
+    points.into_par_iter().map(sample).collect()
+}
+
+/// Radius of the ball that touches the surface at `position` and holds no other point.
+fn ball(position: Vec3, normal: Vec3, cloud: &[Vec3], diagonal: f32) -> f32 {
+    let [least, most] = RADII.map(|share| share * diagonal);
+    let mut radius = most;
+    for _ in 0..ROUNDS {
+        let centre = position - radius * normal;
+        // Points at one place with this one touch the ball without being in its way.
+        let apart = |q: &&Vec3| q.distance_squared(position) > (0.5 * least).powi(2);
+        let nearest = cloud.iter().filter(apart).map(|&q| (q.distance_squared(centre), q));
+        let Some((square, q)) = nearest.min_by(|a, b| a.0.total_cmp(&b.0)) else { break };
+        let towards = position - q;
+        let along = 2.0 * normal.dot(towards);
+        if square.sqrt() >= FOUND * radius || along <= 0.0 {
+            break;
+        }
+        let touching = (towards.length_squared() / along).max(least);
+        if touching >= radius {
+            break;
+        }
+        radius = touching;
+    }
+    radius
+}
+
+/// A cluster with the way in which it would be split.
+struct Cluster {
+    members: Vec<Sample>,
+    mean: [f64; 6],
+    axis: [f64; 6],
+    /// Variance along the axis times the root of the area: what splitting it would gain.
+    urgency: f64,
+}
+
+impl Cluster {
+    fn new(members: Vec<Sample>) -> Result<Self, Error> {
+        let area: f64 = members.iter().map(|s| f64::from(s.area)).sum();
+        let mut mean = [0.0; 6];
+        for sample in &members {
+            let row = sample.row();
+            (0..6).for_each(|i| mean[i] += f64::from(sample.area) * row[i] / area);
+        }
+        let mut covariance = Mat::<f64>::zeros(6, 6);
+        for sample in &members {
+            let row = sample.row();
+            for i in 0..6 {
+                for j in 0..6 {
+                    covariance[(i, j)] +=
+                        f64::from(sample.area) / area * (row[i] - mean[i]) * (row[j] - mean[j]);
+                }
+            }
+        }
+        let (values, vectors) = symmetric_eigen(covariance.as_ref())?;
+        let axis = std::array::from_fn(|i| vectors[(i, 0)]);
+        let urgency = if members.len() > 1 { values[0] * area.sqrt() } else { 0.0 };
+        Ok(Self { members, mean, axis, urgency })
+    }
+
+    fn split(self) -> [Vec<Sample>; 2] {
+        let side = |sample: &Sample| {
+            let row = sample.row();
+            (0..6).map(|i| (row[i] - self.mean[i]) * self.axis[i]).sum::<f64>() > 0.0
+        };
+        let (a, b) = self.members.into_iter().partition(side);
+        [a, b]
+    }
+}
+
+impl Sample {
+    /// Centre of the ball and normal, in which clusters are compact.
+    fn row(&self) -> [f64; 6] {
+        let (p, n) = (self.ball_centre.to_array(), self.normal.to_array());
+        [p[0], p[1], p[2], n[0], n[1], n[2]].map(f64::from)
+    }
+}
+
+/// Splits the clusters of the bones, always the most urgent one, across its longest axis.
+fn clusters(samples: &[Sample], count: usize) -> Result<Vec<Vec<Sample>>, Error> {
+    let mut samples = samples.to_vec();
+    samples.sort_by_key(|s| (s.bone, s.point));
+    let of_bones = samples.chunk_by(|a, b| a.bone == b.bone).map(|s| Cluster::new(s.to_vec()));
+    let mut clusters = of_bones.collect::<Result<Vec<_>, _>>()?;
+    while clusters.len() < count {
+        let urgency = |i: &usize| clusters[*i].urgency;
+        // The first of equals, so that the order of clusters decides nothing by chance.
+        let most = (0..clusters.len()).rev().max_by(|i, j| urgency(i).total_cmp(&urgency(j)));
+        let Some(most) = most.filter(|i| urgency(i) > 0.0) else { break };
+        let [a, b] = clusters.swap_remove(most).split();
+        for part in [a, b] {
+            if !part.is_empty() {
+                clusters.push(Cluster::new(part)?);
+            }
+        }
+    }
+    Ok(clusters.into_iter().map(|cluster| cluster.members).collect())
+}
+
+/// [`ANCHORS`] members, each the farthest from those before; again from the start where there are
+/// fewer. The first is the one farthest from the mean.
+fn spread(cluster: &[Sample]) -> Vec<Sample> {
+    let mean: Vec3 = cluster.iter().map(|s| s.position).sum::<Vec3>() / cluster.len() as f32;
+    let mut distance: Vec<f32> =
+        cluster.iter().map(|s| s.position.distance_squared(mean)).collect();
+    let mut chosen: Vec<Sample> = Vec::with_capacity(ANCHORS);
+    while chosen.len() < ANCHORS.min(cluster.len()) {
+        let farthest =
+            (0..cluster.len()).rev().max_by(|&i, &j| distance[i].total_cmp(&distance[j]));
+        let next = cluster[farthest.unwrap_or(0)];
+        if chosen.is_empty() {
+            distance.fill(f32::INFINITY);
+        }
+        for (distance, sample) in distance.iter_mut().zip(cluster) {
+            *distance = distance.min(sample.position.distance_squared(next.position));
+        }
+        chosen.push(next);
+    }
+    let fewer = chosen.len();
+    (0..ANCHORS).map(|i| chosen[i % fewer]).collect()
+}

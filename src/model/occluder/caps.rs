@@ -1,0 +1,100 @@
+//! What one sphere blocks at a point: a cap of directions, in closed forms that vectorise.
+//!
+//! A sphere of radius r at distance d fills the cap of half-angle α, s = sin α = min(r/d, 1), about
+//! the direction ω to its centre; c = n·ω. Every function takes [`LANES`] points at once, in plain
+//! arrays that the compiler turns into vectors.
+
+use crate::sh::{MAX_BANDS, Order};
+
+/// Points that are looked at together.
+pub const LANES: usize = 16;
+
+/// One number of each of [`LANES`] points.
+pub type Lanes = [f32; LANES];
+
+/// The square of a distance, in units of the square of a radius, below which a point counts as at
+/// the centre: keeps directions finite.
+const CENTRE: f32 = 1e-8;
+
+/// How [`LANES`] points see one sphere.
+#[derive(Debug, Clone, Copy)]
+pub struct View {
+    /// Unit direction to the centre, by axis.
+    pub direction: [Lanes; 3],
+    /// s, the sine of the cap's half-angle.
+    pub sine: Lanes,
+    /// c, the cosine between normal and direction.
+    pub cosine: Lanes,
+}
+
+impl View {
+    /// `position` and `normal` by axis.
+    #[inline(always)]
+    #[must_use]
+    pub fn new(position: &[Lanes; 3], normal: &[Lanes; 3], centre: [f32; 3], radius: f32) -> Self {
+        let mut view =
+            Self { direction: [[0.0; LANES]; 3], sine: [0.0; LANES], cosine: [0.0; LANES] };
+        let least = CENTRE * radius * radius;
+        for i in 0..LANES {
+            let d = [
+                centre[0] - position[0][i],
+                centre[1] - position[1][i],
+                centre[2] - position[2][i],
+            ];
+            let square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2] + least;
+            let inverse = 1.0 / square.sqrt();
+            let along = d[0] * normal[0][i] + d[1] * normal[1][i] + d[2] * normal[2][i];
+            for (lanes, d) in view.direction.iter_mut().zip(d) {
+                lanes[i] = d * inverse;
+            }
+            view.sine[i] = (radius * inverse).min(1.0);
+            view.cosine[i] = along * inverse;
+        }
+        view
+    }
+
+    /// (1/π) ∫_cap (n·ω)₊ dω: s²c above the horizon, 0 below it, and where the cap meets the
+    /// horizon (|c| < s) the parabola s(c + s)²/4 that joins the two with equal slopes. Exact away
+    /// from the horizon.
+    #[inline(always)]
+    #[must_use]
+    pub fn occlusion(&self) -> Lanes {
+        std::array::from_fn(|i| {
+            let (s, c) = (self.sine[i], self.cosine[i]);
+            let soft = (c + s).clamp(0.0, 2.0 * s);
+            s * (0.25 * soft * soft + s * (c - s).max(0.0))
+        })
+    }
+
+    /// The share of the cap that stands above the horizon, by its height: (c + s)/2s in \[0, 1\].
+    #[inline(always)]
+    #[must_use]
+    pub fn above(&self) -> Lanes {
+        std::array::from_fn(|i| {
+            let (s, c) = (self.sine[i], self.cosine[i]);
+            ((c + s) / (2.0 * s)).clamp(0.0, 1.0)
+        })
+    }
+
+    /// Per band, what a cap's coefficients have before y_lm(ω): 2π/(2l+1)·(P_{l−1} − P_{l+1})(cos α),
+    /// so that ∫_cap y_lm = that · y_lm(ω); band 0 is the solid angle 2π(1 − cos α).
+    #[inline(always)]
+    pub fn bands(&self, order: Order, out: &mut [Lanes; MAX_BANDS]) {
+        let bands = order.bands();
+        for i in 0..LANES {
+            let x = (1.0 - self.sine[i] * self.sine[i]).max(0.0).sqrt();
+            // P_{-1} = 1 makes the formula hold for l = 0.
+            let (mut before, mut now) = (1.0, 1.0);
+            for (l, out) in out.iter_mut().enumerate().take(bands) {
+                let lf = l as f32;
+                let next = if l == 0 {
+                    x
+                } else {
+                    ((2.0 * lf + 1.0) * x * now - lf * before) / (lf + 1.0)
+                };
+                out[i] = 2.0 * std::f32::consts::PI / (2.0 * lf + 1.0) * (before - next);
+                (before, now) = (now, next);
+            }
+        }
+    }
+}

@@ -1,0 +1,223 @@
+//! Caps against quadrature, whole models against plain f64 arithmetic, and hostile blobs.
+
+use std::f64::consts::PI;
+
+use glam::{DVec3, Quat, Vec3};
+
+use super::caps::{LANES, View};
+use super::*;
+use crate::model::{
+    Family, Frame, Model, PosedInput, Precision, Signal, Surface, synthetic, unshadowed,
+};
+use crate::sh::{MAX_BANDS, Order, evaluate_f64};
+
+/// How a sphere at unit distance along `direction` looks to a point with this normal.
+fn view(direction: Vec3, normal: Vec3, radius: f32) -> View {
+    let lanes = |v: Vec3| [0, 1, 2].map(|axis| [v[axis]; LANES]);
+    View::new(&lanes(Vec3::ZERO), &lanes(normal), direction.to_array(), radius)
+}
+
+/// Σ over a fine grid of directions of f(ω) dω.
+fn over_sphere(mut f: impl FnMut(DVec3) -> f64) -> f64 {
+    const STEPS: usize = 400;
+    let mut sum = 0.0;
+    for i in 0..STEPS {
+        let z = (i as f64 + 0.5) / STEPS as f64 * 2.0 - 1.0;
+        for j in 0..2 * STEPS {
+            let (sin, cos) = (PI * (j as f64 + 0.5) / STEPS as f64).sin_cos();
+            let r = (1.0 - z * z).sqrt();
+            sum += f(DVec3::new(r * cos, r * sin, z));
+        }
+    }
+    sum * 4.0 * PI / (2 * STEPS * STEPS) as f64
+}
+
+/// Proves by summing over directions that a cap above the horizon blocks s²c of the sky, that the
+/// soft horizon is within 0.02 of the truth, and that nothing is blocked from below it.
+#[test]
+fn caps_block_their_share_of_the_sky() {
+    let normal = Vec3::new(0.36, -0.48, 0.8);
+    let side = normal.any_orthonormal_vector();
+    for (degrees, sine, bound) in
+        [(0.0_f32, 0.5_f32, 1e-3), (40.0, 0.6, 1e-3), (90.0, 0.4, 0.02), (80.0, 0.9, 0.05)]
+    {
+        let (s, c) = degrees.to_radians().sin_cos();
+        let direction = normal * c + side * s;
+        let found = view(direction, normal, sine).occlusion()[0];
+        let edge = f64::from(1.0 - sine * sine).sqrt();
+        let expected = over_sphere(|w| {
+            let inside = w.dot(direction.as_dvec3()) > edge;
+            if inside { w.dot(normal.as_dvec3()).max(0.0) / PI } else { 0.0 }
+        });
+        assert!((f64::from(found) - expected).abs() < bound, "{degrees} {found} {expected}");
+    }
+    assert_eq!(view(-normal, normal, 0.9).occlusion()[0], 0.0);
+    assert_eq!(view(-normal, normal, 0.9).above()[0], 0.0);
+    assert!((view(side, normal, 0.4).above()[0] - 0.5).abs() < 1e-6);
+}
+
+/// Proves by summing over directions that a band's factor times y_lm of the direction is the
+/// integral of y_lm over the cap.
+#[test]
+fn bands_are_integrals_over_the_cap() {
+    let order = Order::new(6).unwrap();
+    let direction = Vec3::new(-0.6, 0.64, 0.48);
+    let view = view(direction, Vec3::Z, 0.7);
+    let mut bands = [[0.0; LANES]; MAX_BANDS];
+    view.bands(order, &mut bands);
+    let mut at = [0.0; 36];
+    evaluate_f64(order, direction.as_dvec3().to_array(), &mut at);
+    let edge = (1.0_f64 - 0.49).sqrt();
+    for c in [0, 2, 5, 11, 17, 24, 35] {
+        let mut y = [0.0; 36];
+        let expected = over_sphere(|w| {
+            if w.dot(direction.as_dvec3()) <= edge {
+                return 0.0;
+            }
+            evaluate_f64(order, w.to_array(), &mut y);
+            y[c]
+        });
+        let found = f64::from(bands[usize::isqrt(c)][0]) * at[c];
+        assert!((found - expected).abs() < 3e-3, "{c}: {found} {expected}");
+    }
+}
+
+fn rotations() -> Vec<Quat> {
+    [0.3, -0.9, 2.0].map(Quat::from_rotation_y).to_vec()
+}
+
+fn posed(model: &Model, surface: Surface<'_>, turns: &[Quat]) -> Vec<f32> {
+    let parameters = synthetic::numbers(21, synthetic::PARAMETERS);
+    let mut out = vec![f32::NAN; model.shape().points * model.shape().width];
+    let input =
+        PosedInput { parameters: &parameters, bone_rotations: turns, surface: Some(surface) };
+    model.evaluate_posed(&input, &mut out).unwrap();
+    out
+}
+
+/// Proves that a model with occluders is its decoder's part in the root frame, and the unshadowed
+/// signal, less what each sphere blocks by its point's weight of its group.
+#[test]
+fn evaluation_is_the_definition() {
+    let (positions, normals) = synthetic::surface();
+    let surface = Surface { positions: &positions, normals: &normals };
+    for signal in [Signal::Transfer, Signal::Visibility] {
+        let model = synthetic::occluded(Family::PcaLinear, signal);
+        let kind = (signal, model.header().sh_order());
+        let found = posed(&model, surface, &rotations());
+        let parameters = synthetic::numbers(21, synthetic::PARAMETERS);
+        let width = model.shape().width;
+        let mut expected = vec![0.0; found.len()];
+        model.evaluate(&parameters, None, &mut expected).unwrap();
+        model.to_root_frame(&rotations(), None, &mut expected).unwrap();
+        let occluders = synthetic::occluders();
+        let bones = model.bone_of_point();
+        let centres = occluders.centres(&positions, bones, &rotations());
+        for (point, row) in expected.chunks_exact_mut(width).enumerate() {
+            let mut free = vec![0.0; width];
+            unshadowed(kind, normals[point], &mut free);
+            row.iter_mut().zip(&free).for_each(|(x, free)| *x += free);
+            for (sphere, &centre) in centres.iter().enumerate() {
+                let lanes = |v: Vec3| [0, 1, 2].map(|axis| [v[axis]; LANES]);
+                let (position, normal) = (lanes(positions[point]), lanes(normals[point]));
+                let radius = occluders.radii[sphere];
+                let view = View::new(&position, &normal, centre.to_array(), radius);
+                let mut sums = vec![[0.0; LANES]; width];
+                add(&view, kind, &[1.0; LANES], &mut sums);
+                let group = occluders.group_of[usize::from(bones[point]) * centres.len() + sphere];
+                let weight = occluders.weights[point * 3 + usize::from(group)];
+                row.iter_mut().zip(&sums).for_each(|(x, sum)| *x -= weight * sum[0]);
+            }
+        }
+        for (found, expected) in found.iter().zip(&expected) {
+            assert!((found - expected).abs() < 1e-5, "{found} {expected}");
+        }
+    }
+}
+
+/// Proves that ambient occlusion stays in [0, 1] and does not change when the posed character
+/// turns as a whole: the spheres turn with it.
+#[test]
+fn occlusion_is_bounded_and_turns_with_the_character() {
+    let model = synthetic::occluded(Family::Linear, Signal::Ao);
+    let (positions, normals) = synthetic::surface();
+    let before = posed(&model, Surface { positions: &positions, normals: &normals }, &rotations());
+    assert!(before.iter().all(|x| (0.0..=1.0).contains(x)));
+    let turn = Quat::from_euler(glam::EulerRot::XYZ, 0.4, 1.0, -2.0);
+    let turned = |vectors: &[Vec3]| -> Vec<Vec3> { vectors.iter().map(|&v| turn * v).collect() };
+    let (positions, normals) = (turned(&positions), turned(&normals));
+    let turns: Vec<Quat> = rotations().iter().map(|&bone| turn * bone).collect();
+    let after = posed(&model, Surface { positions: &positions, normals: &normals }, &turns);
+    for (a, b) in before.iter().zip(&after) {
+        assert!((a - b).abs() < 1e-5, "{a} {b}");
+    }
+}
+
+/// Proves that blobs with occluders come back as they were, tell their size, and that no prefix of
+/// one is one.
+#[test]
+fn blobs_round_trip() {
+    for family in [Family::Mean, Family::PcaLinear] {
+        let model = synthetic::occluded(family, Signal::Transfer);
+        for &precision in Precision::ALL {
+            let bytes = model.to_bytes(precision).unwrap();
+            let read = Model::from_bytes(&bytes).unwrap();
+            assert_eq!(read.to_bytes(precision).unwrap(), bytes);
+            assert!(read.header().unshadowed);
+            let header = 8 + u64::from_le_bytes(*bytes.first_chunk().unwrap());
+            assert_eq!(model.sizes(precision).total(), bytes.len() as u64 - header);
+            if precision == Precision::F32 {
+                assert_eq!(read.occluders(), model.occluders());
+                assert_eq!(read.header(), model.header());
+            }
+            for length in (0..bytes.len()).step_by(97) {
+                assert!(Model::from_bytes(&bytes[..length]).is_err());
+            }
+        }
+    }
+}
+
+/// Proves that occluders which do not fit their model are refused with what is wrong, and that a
+/// model which looks at the mesh says so.
+#[test]
+fn bad_occluders_and_missing_meshes_are_errors() {
+    let plain = synthetic::model(Family::Mean, Signal::Ao, Frame::Bone, 1);
+    let fault = |change: &dyn Fn(&mut Occluders)| {
+        let mut occluders = synthetic::occluders();
+        change(&mut occluders);
+        plain.clone().with_occluders(occluders).expect_err("must be refused").to_string()
+    };
+    assert!(fault(&|o| o.anchors[3] = 37).contains("anchor"));
+    assert!(fault(&|o| o.group_of[2] = 3).contains("group"));
+    assert!(fault(&|o| o.radii[1] = 0.0).contains("radius"));
+    assert!(fault(&|o| o.radii[1] = f32::NAN).contains("not finite"));
+    assert!(fault(&|o| o.offsets.truncate(14)).contains("offsets"));
+    let root = synthetic::model(Family::Mean, Signal::Ao, Frame::Root, 1);
+    assert!(root.with_occluders(synthetic::occluders()).is_err());
+
+    let model = synthetic::occluded(Family::Mean, Signal::Ao);
+    let turns = rotations();
+    let input = PosedInput { parameters: &[0.0; 6], bone_rotations: &turns, surface: None };
+    let mut out = vec![0.0; model.shape().points];
+    let error = model.evaluate_posed(&input, &mut out).unwrap_err();
+    assert!(matches!(error, Error::NeedsSurface { .. }), "{error}");
+    assert!(matches!(model.fold(&[1.0], &turns), Err(Error::NeedsSurface { .. })));
+    let far = vec![Vec3::NAN; model.shape().points];
+    let surface = Some(Surface { positions: &far, normals: &far });
+    let error = model.evaluate_posed(&PosedInput { surface, ..input }, &mut out).unwrap_err();
+    assert!(matches!(error, Error::NotFinite { .. }), "{error}");
+}
+
+/// Proves that a point at a sphere's very centre, and one a million radii away, give finite numbers.
+#[test]
+fn extremes_stay_finite() {
+    let order = Order::new(10).unwrap();
+    for (radius, distance) in [(1.0_f32, 0.0_f32), (1e-3, 1e3), (1e3, 1e-3)] {
+        let view = view(Vec3::X * distance, Vec3::X, radius);
+        for signal in [Signal::Ao, Signal::Transfer, Signal::Visibility] {
+            let mut sums = [[0.0; LANES]; 100];
+            add(&view, (signal, order), &[1.0; LANES], &mut sums);
+            assert!(sums.iter().flatten().all(|x| x.is_finite()), "{signal} {radius} {distance}");
+        }
+    }
+}

@@ -1,0 +1,93 @@
+//! A whole frame: the decoder's part, what occluders block in the pose, and the unshadowed signal.
+
+use glam::{Quat, Vec3};
+
+use super::evaluate::check_length;
+use super::{Error, Model, Signal, Surface};
+use crate::sh::{Order, zonal};
+
+/// A pose as [`Model::evaluate_posed`] takes it.
+#[derive(Debug, Clone, Copy)]
+pub struct PosedInput<'a> {
+    /// The model's parameters.
+    pub parameters: &'a [f32],
+    /// One per bone, [`Model::bone_rotations_of`].
+    pub bone_rotations: &'a [Quat],
+    /// The posed mesh; only looked at where [`Model::needs_surface`].
+    pub surface: Option<Surface<'a>>,
+}
+
+impl Model {
+    /// Whether evaluation looks at the posed mesh.
+    #[must_use]
+    pub fn needs_surface(&self) -> bool {
+        self.header.unshadowed || self.occluding.is_some()
+    }
+
+    /// The signal of all points in the root frame, `[point, channel, coefficient]`: the decoder's
+    /// part, turned to the root frame; the unshadowed signal, where the model does without it;
+    /// less what occluders block. `ao` stays within its bounds, 0 to 1.
+    ///
+    /// # Errors
+    /// As [`evaluate`](Self::evaluate) and [`to_root_frame`](Self::to_root_frame);
+    /// [`Error::NeedsSurface`]; [`Error::NotFinite`] positions or normals.
+    pub fn evaluate_posed(&self, input: &PosedInput<'_>, out: &mut [f32]) -> Result<(), Error> {
+        self.evaluate(input.parameters, None, out)?;
+        self.to_root_frame(input.bone_rotations, None, out)?;
+        if self.needs_surface() {
+            let surface = input.surface.ok_or(Error::NeedsSurface { what: "this model" })?;
+            self.check_surface(surface)?;
+            let kind = (self.header.signal, self.header.sh_order());
+            if self.header.unshadowed {
+                add_unshadowed(kind, surface.normals, out);
+            }
+            if let Some(occluding) = &self.occluding {
+                self.check_bone_rotations(input.bone_rotations)?;
+                let occluders = &occluding.occluders;
+                let (bones, turns) = (&self.bone_of_point, input.bone_rotations);
+                let centres = occluders.centres(surface.positions, bones, turns);
+                occluding.seen.subtract(occluders, &centres, surface, kind, out);
+            }
+        }
+        if self.header.signal == Signal::Ao {
+            out.iter_mut().for_each(|value| *value = value.clamp(0.0, 1.0));
+        }
+        Ok(())
+    }
+
+    fn check_surface(&self, surface: Surface<'_>) -> Result<(), Error> {
+        for (what, vectors) in [("positions", surface.positions), ("normals", surface.normals)] {
+            check_length(what, vectors.len(), self.shape.points)?;
+            if let Some(index) = vectors.iter().position(|vector| !vector.is_finite()) {
+                return Err(Error::NotFinite { what: what.to_owned(), index });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The signal where nothing occludes, n² numbers (1 for `ao`): the clamped cosine about the normal
+/// over π for `transfer`; √4π, then zeros, for `visibility`; 1 for `ao`.
+pub fn unshadowed((signal, order): (Signal, Order), normal: Vec3, out: &mut [f32]) {
+    match signal {
+        Signal::Ao => out[0] = 1.0,
+        Signal::Visibility => {
+            out.fill(0.0);
+            out[0] = (4.0 * std::f32::consts::PI).sqrt();
+        }
+        Signal::Transfer => zonal::rotate(order, &zonal::unshadowed(order), normal, out),
+    }
+}
+
+/// Adds the unshadowed signal to every channel of `[point, channel, coefficient]`.
+fn add_unshadowed(kind: (Signal, Order), normals: &[Vec3], out: &mut [f32]) {
+    let count = kind.0.coefficients(kind.1);
+    let width = out.len() / normals.len().max(1);
+    let mut free = vec![0.0; count];
+    for (row, &normal) in out.chunks_exact_mut(width.max(1)).zip(normals) {
+        unshadowed(kind, normal, &mut free);
+        for channel in row.chunks_exact_mut(count) {
+            channel.iter_mut().zip(&free).for_each(|(out, free)| *out += free);
+        }
+    }
+}
