@@ -8,11 +8,12 @@ use rayon::prelude::*;
 use crate::rig::Points;
 use crate::trace::Device;
 
+use super::bounce::{Bounces, MOST_ROW_BYTES};
 use super::kernel::{Scratch, bake_point};
 use super::plan::Plan;
 use super::posed::{Posed, Stage};
 use super::surroundings::{NO_POINT, Surroundings, Trees};
-use super::{BakedPose, Error, PosedMesh, Settings, Signal};
+use super::{BakedPose, Error, PosedMesh, Reflectance, Settings, Signal};
 
 /// Rays per task: a few milliseconds, so that cores end together and cancelling is prompt.
 const RAYS_PER_TASK: usize = 1 << 14;
@@ -29,6 +30,9 @@ const SCENE_BYTES_PER_TRIANGLE: u64 = 400;
 pub struct Baker {
     stage: Stage,
     plan: Plan,
+    reflectance: Option<Reflectance>,
+    /// What a pose's hits may take before each bounce traces anew.
+    pub(super) most_row_bytes: u64,
 }
 
 /// What a short trial says of a machine and a pose.
@@ -70,7 +74,7 @@ impl Baker {
             surroundings: Surroundings::default(),
             max_distance_m: plan.max_distance_m,
         };
-        Ok(Self { stage, plan })
+        Ok(Self { stage, plan, reflectance: None, most_row_bytes: MOST_ROW_BYTES })
     }
 
     /// The same within surroundings.
@@ -84,6 +88,16 @@ impl Baker {
         self.stage.trees = Trees::new(triangles, points, &surroundings.views)?;
         self.plan.falloff = surroundings.falloff;
         self.stage.surroundings = surroundings;
+        Ok(self)
+    }
+
+    /// The same with light that comes by way of other surfaces.
+    ///
+    /// # Errors
+    /// Bounces or channels out of range, or a signal other than transfer.
+    pub fn reflecting(mut self, reflectance: Reflectance) -> Result<Self, Error> {
+        reflectance.check(self.plan.signal)?;
+        self.reflectance = Some(reflectance);
         Ok(self)
     }
 
@@ -114,7 +128,25 @@ impl Baker {
         let mut baked = Vec::with_capacity(poses.len());
         for (index, wave_poses) in poses.chunks(wave).enumerate() {
             let posed = self.prepare(wave_poses, index * wave, cancelled)?;
-            baked.extend(self.trace(&posed, cancelled)?);
+            match &self.reflectance {
+                None => baked.extend(self.trace(&posed, cancelled)?),
+                Some(reflectance) => {
+                    for (posed, mesh) in posed.iter().zip(wave_poses) {
+                        let (plan, stage, normals) = (&self.plan, &self.stage, mesh.normals);
+                        let most_row_bytes = self.most_row_bytes;
+                        let bounces = Bounces {
+                            plan,
+                            stage,
+                            posed,
+                            normals,
+                            reflectance,
+                            most_row_bytes,
+                            cancelled,
+                        };
+                        baked.push(bounces.bake()?);
+                    }
+                }
+            }
         }
         Ok(baked)
     }
@@ -129,7 +161,10 @@ impl Baker {
         let triangles = self.stage.trees.count() as u64;
         let in_flight = poses.min(self.poses_per_wave(threads)) as u64;
         let per_pose = triangles * SCENE_BYTES_PER_TRIANGLE + 24 * vertices + 44 * points;
-        let result = poses as u64 * points * 4 * (coefficients + 2);
+        let reflectance = self.reflectance.as_ref();
+        let channels = reflectance.map_or(1, |r| r.channels as u64);
+        let bounces = reflectance.map_or(0, |r| r.memory_bytes(&self.plan, points));
+        let result = poses as u64 * points * 4 * (coefficients * channels + 2) + bounces;
         let scratch = threads as u64
             * 4
             * (4 * self.plan.directions.directions() as u64
@@ -160,7 +195,7 @@ impl Baker {
                 // An odd multiplier of the golden ratio visits the mesh evenly.
                 let step = (baked * threads + context.index()) as u64 * 0x9e37_79b9;
                 let point = ((step & 0xffff_ffff) * self.points() as u64) >> 32;
-                bake_point(&self.plan, &posed, point as usize, &mut scratch, &mut out);
+                bake_point(&self.plan, &posed, point as usize, &mut scratch, None, &mut out);
                 baked += 1;
             }
             baked
@@ -238,7 +273,7 @@ impl Baker {
         }
         let outputs = task.coefficients.chunks_exact_mut(self.plan.coefficients).zip(task.noise);
         for (point, (out, noise)) in (task.first_point..).zip(outputs) {
-            *noise = bake_point(&self.plan, task.posed, point, scratch, out);
+            *noise = bake_point(&self.plan, task.posed, point, scratch, None, out);
         }
         Ok(())
     }

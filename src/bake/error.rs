@@ -40,6 +40,24 @@ pub enum Error {
     /// A fall-off without what it needs.
     #[error("a fall-off needs the signal ao and a maximum distance over which to fall")]
     FalloffOf,
+    /// Bounces out of range.
+    #[error("{found} bounces cannot be baked; choose 1 to {most}", most = super::MOST_BOUNCES)]
+    Bounces {
+        /// What was asked for.
+        found: u32,
+    },
+    /// Bounces of a signal that has none.
+    #[error("the signal {signal} has no bounces; transfer has")]
+    BouncesOf {
+        /// What was asked for.
+        signal: &'static str,
+    },
+    /// Neither grey nor coloured.
+    #[error("a surface reflects 1 or 3 channels, not {found}")]
+    Channels {
+        /// What was asked for.
+        found: usize,
+    },
     /// More views than trees can be numbered.
     #[error("{found} groups of meshes that see differently are more than 255")]
     Views {

@@ -11,6 +11,7 @@ use crate::trace::{Rays, words_of};
 
 use super::plan::Plan;
 use super::posed::Posed;
+use super::seen::Sink;
 use super::sums::{LANES, list_bits};
 use super::{Signal, falloff, ground};
 
@@ -42,17 +43,19 @@ impl Scratch {
     }
 }
 
-/// Bakes one point: writes its coefficients and returns its noise.
+/// Bakes one point: writes its coefficients and returns its noise. A sink also learns what the rays
+/// hit.
 pub(super) fn bake_point(
     plan: &Plan,
     posed: &Posed,
     point: usize,
     scratch: &mut Scratch,
+    mut sink: Option<&mut Sink<'_>>,
     out: &mut [f32],
 ) -> f32 {
     let mut half_squares = 0.0;
     for block in 0..plan.blocks {
-        half_squares += trace_block(plan, posed, point, block, scratch);
+        half_squares += trace_block(plan, posed, point, block, scratch, sink.as_deref_mut());
     }
     let count = plan.coefficients;
     let mean = &mut [0.0; MAX_COEFFICIENTS][..count];
@@ -81,6 +84,7 @@ fn trace_block(
     point: usize,
     block: usize,
     scratch: &mut Scratch,
+    sink: Option<&mut Sink<'_>>,
 ) -> f64 {
     let time = u64::from(posed.time_bits);
     let bits = hash(&[plan.seed, point as u64, posed.clip_key, time, block as u64]);
@@ -97,9 +101,14 @@ fn trace_block(
         out[0] = ((first + second) / 2.0) as f32;
         return ((first - second) / 2.0).powi(2);
     }
-    posed.scene(point).occluded(&rays, &mut scratch.blocked);
-    if let Some(heights) = &posed.heights {
-        ground::block(&rays, heights[point], &mut scratch.blocked);
+    match sink {
+        Some(sink) => sink.trace(posed, point, &rays, &set, &mut scratch.blocked),
+        None => {
+            posed.scene(point).occluded(&rays, &mut scratch.blocked);
+            if let Some(heights) = &posed.heights {
+                ground::block(&rays, heights[point], &mut scratch.blocked);
+            }
+        }
     }
     if plan.signal == Signal::Ao {
         let [first, second] = shares(&scratch.blocked, &set);

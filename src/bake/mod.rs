@@ -12,16 +12,19 @@
 //! that nothing blocks is exact, and its noise is 0.
 
 mod baker;
+mod bounce;
 mod error;
 mod falloff;
 mod ground;
 mod kernel;
 mod plan;
 mod posed;
+mod seen;
 mod sums;
 mod surroundings;
 
 pub use baker::{Baker, Calibration};
+pub use bounce::{MOST_BOUNCES, Reflectance};
 pub use error::Error;
 pub use surroundings::{NO_POINT, Surroundings, View};
 
@@ -67,7 +70,7 @@ pub struct PosedMesh<'a> {
 /// The signal of one pose at every point.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BakedPose {
-    /// `[point, channel, coefficient]`, root frame, one channel.
+    /// `[point, channel, coefficient]`, root frame, one channel unless surfaces reflect colours.
     pub coefficients: Vec<f32>,
     /// `[point]` Standard error of the coefficients, pooled: the root mean square over the
     /// coefficients of each one's standard error from the independent batches (two for each block

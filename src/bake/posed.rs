@@ -108,10 +108,12 @@ impl Posed {
 impl Posed {
     /// What a point's rays may meet.
     pub(super) fn scene(&self, point: usize) -> &trace::Scene {
-        match self.scene_of_point.get(point) {
-            Some(&scene) => &self.scenes[usize::from(scene)],
-            None => &self.scenes[0],
-        }
+        &self.scenes[self.tree(point)]
+    }
+
+    /// Which tree that is.
+    pub(super) fn tree(&self, point: usize) -> usize {
+        self.scene_of_point.get(point).map_or(0, |&tree| usize::from(tree))
     }
 }
 

@@ -41,6 +41,8 @@ pub struct View {
 pub(super) struct Trees {
     /// Never empty.
     pub(super) triangles: Vec<Vec<[u32; 3]>>,
+    /// For each tree but the first, the mesh's number of each triangle.
+    numbers: Vec<Vec<u32>>,
     /// Point → tree; empty where there is only one.
     pub(super) of_point: Arc<[u8]>,
 }
@@ -48,7 +50,8 @@ pub(super) struct Trees {
 impl Trees {
     /// One tree for everything.
     pub(super) fn one(triangles: &[[u32; 3]]) -> Self {
-        Self { triangles: vec![triangles.to_vec()], of_point: Arc::new([]) }
+        let numbers = Vec::new();
+        Self { triangles: vec![triangles.to_vec()], numbers, of_point: Arc::new([]) }
     }
 
     /// A tree for every view, after the one that holds everything.
@@ -64,7 +67,7 @@ impl Trees {
             return Err(Error::Views { found: views.len() });
         }
         let mut of_point = vec![0; points.vertex.len()];
-        let mut trees = vec![triangles.to_vec()];
+        let (mut trees, mut numbers) = (vec![triangles.to_vec()], Vec::new());
         for (index, view) in views.iter().enumerate() {
             for &point in &view.points {
                 let limit = of_point.len();
@@ -75,10 +78,20 @@ impl Trees {
                 *tree = index as u8 + 1;
             }
             let hidden = |index: usize| view.hidden.iter().any(|range| range.contains(&index));
-            let seen = triangles.iter().enumerate().filter(|(index, _)| !hidden(*index));
-            trees.push(seen.map(|(_, triangle)| *triangle).collect());
+            let seen: Vec<u32> =
+                (0..triangles.len()).filter(|&i| !hidden(i)).map(|i| i as u32).collect();
+            trees.push(seen.iter().map(|&i| triangles[i as usize]).collect());
+            numbers.push(seen);
         }
-        Ok(Self { triangles: trees, of_point: of_point.into() })
+        Ok(Self { triangles: trees, numbers, of_point: of_point.into() })
+    }
+
+    /// The mesh's number of a tree's triangle.
+    pub(super) fn original(&self, tree: usize, triangle: u32) -> u32 {
+        match tree.checked_sub(1) {
+            Some(view) => self.numbers[view][triangle as usize],
+            None => triangle,
+        }
     }
 
     /// Of all trees together.

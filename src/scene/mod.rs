@@ -20,6 +20,7 @@ mod limits;
 mod normals;
 mod obj;
 mod source;
+mod surface;
 mod uri;
 
 use std::collections::BTreeMap;
@@ -28,6 +29,7 @@ use std::path::Path;
 
 pub use error::Error;
 pub use limits::Limits;
+pub use surface::{MOST_ALBEDO, Material, Surface, Texture, Wrap};
 
 use crate::rig::{Deformed, Mesh, Pose, RigidFrame, Skeleton, deform};
 use budget::{Budget, Notices};

@@ -1,6 +1,7 @@
 //! Analytic truth, statistics with stated significance, byte identity, hostile input.
 
 mod analytic;
+mod bounces;
 mod hostile;
 mod identity;
 mod statistics;

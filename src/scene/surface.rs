@@ -1,0 +1,214 @@
+//! What the triangles of a scene reflect: material, texture and vertex colour.
+
+use std::sync::Arc;
+
+/// Reflectances above this are lowered to it, so that light between surfaces dies away.
+pub const MOST_ALBEDO: f32 = 0.98;
+
+/// How much of the light that meets it each triangle reflects diffusely, by colour (linear red,
+/// green, blue).
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Surface {
+    /// All materials.
+    pub materials: Vec<Material>,
+    /// Triangle → material.
+    pub material: Vec<u32>,
+    /// Texture coordinates of each triangle's corners; empty where no material has a texture.
+    pub uv: Vec<[[f32; 2]; 3]>,
+    /// Linear colours of each triangle's corners, which multiply the material's; empty where there
+    /// are none.
+    pub colour: Vec<[[f32; 3]; 3]>,
+}
+
+/// What a material reflects.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Material {
+    /// Linear red, green, blue; from 0 to 1.
+    pub factor: [f32; 3],
+    /// Multiplies the factor.
+    pub texture: Option<Arc<Texture>>,
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Self { factor: [1.0; 3], texture: None }
+    }
+}
+
+/// How a texture goes on beyond 0 to 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Wrap {
+    /// Its edge.
+    Clamp,
+    /// Itself, turned around each time.
+    Mirror,
+    /// Itself.
+    #[default]
+    Repeat,
+}
+
+/// A decoded picture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Texture {
+    /// Texels.
+    pub width: u32,
+    /// Texels.
+    pub height: u32,
+    /// Row by row from the top, sRGB.
+    pub texels: Vec<[u8; 3]>,
+    /// Along u and v.
+    pub wrap: [Wrap; 2],
+}
+
+impl Surface {
+    /// A surface of one colour for so many triangles.
+    #[must_use]
+    pub fn plain(albedo: [f32; 3], triangles: usize) -> Self {
+        let materials = vec![Material { factor: albedo, texture: None }];
+        Self { materials, material: vec![0; triangles], ..Self::default() }
+    }
+
+    /// Whether red, green and blue are the same everywhere.
+    #[must_use]
+    pub fn is_grey(&self) -> bool {
+        let grey = |[r, g, b]: [f32; 3]| r == g && g == b;
+        let used = |index: usize| self.material.contains(&(index as u32));
+        let plain = |material: &Material| {
+            let texels = material.texture.iter().flat_map(|texture| &texture.texels);
+            grey(material.factor) && texels.into_iter().all(|[r, g, b]| r == g && g == b)
+        };
+        let mut materials = self.materials.iter().enumerate();
+        materials.all(|(index, material)| plain(material) || !used(index))
+            && self.colour.iter().flatten().all(|&colour| grey(colour))
+    }
+
+    /// The reflectance at a place of a triangle, `u` and `v` the weights of its second and third
+    /// corner; from 0 to [`MOST_ALBEDO`], 0 for triangles that the surface does not have.
+    #[must_use]
+    pub fn albedo(&self, triangle: usize, u: f32, v: f32) -> [f32; 3] {
+        let Some(&material) = self.material.get(triangle) else { return [0.0; 3] };
+        let material = &self.materials[material as usize];
+        let mix = |a: f32, b: f32, c: f32| a + u * (b - a) + v * (c - a);
+        let mut albedo = material.factor;
+        if let (Some(texture), Some([a, b, c])) = (&material.texture, self.uv.get(triangle)) {
+            let texel = texture.at([0, 1].map(|i| mix(a[i], b[i], c[i])));
+            albedo = [0, 1, 2].map(|i| albedo[i] * texel[i]);
+        }
+        if let Some([a, b, c]) = self.colour.get(triangle) {
+            albedo = [0, 1, 2].map(|i| albedo[i] * mix(a[i], b[i], c[i]));
+        }
+        albedo.map(|value| value.clamp(0.0, MOST_ALBEDO))
+    }
+
+    /// The surface of these triangles alone.
+    #[must_use]
+    pub fn select(&self, triangles: impl Iterator<Item = usize> + Clone) -> Self {
+        Self {
+            materials: self.materials.clone(),
+            material: triangles.clone().map(|i| self.material[i]).collect(),
+            uv: triangles.clone().filter_map(|i| self.uv.get(i)).copied().collect(),
+            colour: triangles.filter_map(|i| self.colour.get(i)).copied().collect(),
+        }
+    }
+}
+
+impl Texture {
+    /// The linear colour at texture coordinates, interpolated between the four nearest texels.
+    #[must_use]
+    pub fn at(&self, uv: [f32; 2]) -> [f32; 3] {
+        if !(uv[0].is_finite() && uv[1].is_finite()) || self.texels.is_empty() {
+            return [1.0; 3];
+        }
+        let [(x0, x1, tx), (y0, y1, ty)] =
+            [(uv[0], self.width, self.wrap[0]), (uv[1], self.height, self.wrap[1])]
+                .map(|(at, count, wrap)| neighbours(at, count, wrap));
+        let texel = |x: u32, y: u32| self.texels[(y as usize) * self.width as usize + x as usize];
+        let (a, b, c, d) = (texel(x0, y0), texel(x1, y0), texel(x0, y1), texel(x1, y1));
+        [0, 1, 2].map(|i| {
+            let [a, b, c, d] = [a, b, c, d].map(|texel| linear(texel[i]));
+            let (top, bottom) = (a + tx * (b - a), c + tx * (d - c));
+            top + ty * (bottom - top)
+        })
+    }
+}
+
+/// The two texels about a coordinate, and how far it is towards the second.
+fn neighbours(at: f32, count: u32, wrap: Wrap) -> (u32, u32, f32) {
+    let position = f64::from(at) * f64::from(count) - 0.5;
+    let first = position.floor();
+    let fraction = (position - first) as f32;
+    // Saturating: far beyond any texture the fraction is 0 as well.
+    let first = first as i64;
+    let fold = |index: i64| {
+        let n = i64::from(count);
+        let folded = match wrap {
+            Wrap::Clamp => index.clamp(0, n - 1),
+            Wrap::Repeat => index.rem_euclid(n),
+            Wrap::Mirror => {
+                let place = index.rem_euclid(2 * n);
+                if place < n { place } else { 2 * n - 1 - place }
+            }
+        };
+        folded as u32
+    };
+    (fold(first), fold(first.saturating_add(1)), fraction)
+}
+
+/// sRGB to linear (IEC 61966-2-1), from 0 to 1.
+fn linear(byte: u8) -> f32 {
+    static TABLE: std::sync::OnceLock<[f32; 256]> = std::sync::OnceLock::new();
+    TABLE.get_or_init(|| {
+        std::array::from_fn(|byte| {
+            let s = byte as f64 / 255.0;
+            let linear = if s <= 0.04045 { s / 12.92 } else { ((s + 0.055) / 1.055).powf(2.4) };
+            linear as f32
+        })
+    })[usize::from(byte)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn checker(wrap: Wrap) -> Texture {
+        let texels = vec![[0; 3], [255; 3], [255; 3], [0; 3]];
+        Texture { width: 2, height: 2, texels, wrap: [wrap; 2] }
+    }
+
+    /// Texel centres have their own colour, places between them the mean of linear light, and
+    /// beyond the edge each way to wrap does what its name says.
+    #[test]
+    fn textures_interpolate_and_wrap() {
+        for wrap in [Wrap::Clamp, Wrap::Mirror, Wrap::Repeat] {
+            let texture = checker(wrap);
+            assert_eq!(texture.at([0.25, 0.25]), [0.0; 3]);
+            assert_eq!(texture.at([0.75, 0.25]), [1.0; 3]);
+            assert_eq!(texture.at([0.5, 0.5]), [0.5; 3]);
+            assert_eq!(texture.at([f32::NAN, 0.0]), [1.0; 3]);
+            assert!(texture.at([1e30, -1e30]).iter().all(|c| (0.0..=1.0).contains(c)));
+        }
+        let beyond = [-0.25, 0.25];
+        assert_eq!(checker(Wrap::Repeat).at(beyond), [1.0; 3]);
+        assert_eq!(checker(Wrap::Mirror).at(beyond), [0.0; 3]);
+        assert_eq!(checker(Wrap::Clamp).at(beyond), [0.0; 3]);
+    }
+
+    /// Factor, texture and vertex colours multiply; what is too bright is lowered; triangles that
+    /// the surface does not have are black; one coloured vertex makes a surface coloured.
+    #[test]
+    fn albedo_is_a_product() {
+        let mut surface = Surface::plain([0.5, 0.5, 0.5], 2);
+        assert!(surface.is_grey());
+        assert_eq!(surface.albedo(1, 0.2, 0.2), [0.5; 3]);
+        assert_eq!(surface.albedo(2, 0.2, 0.2), [0.0; 3]);
+        surface.materials[0].texture = Some(Arc::new(checker(Wrap::Repeat)));
+        surface.uv = vec![[[0.75, 0.25]; 3]; 2];
+        assert!(surface.is_grey());
+        assert_eq!(surface.albedo(0, 0.2, 0.2), [0.5; 3]);
+        surface.colour = vec![[[1.0; 3], [1.0; 3], [0.0, 1.0, 7.0]]; 2];
+        assert!(!surface.is_grey());
+        let albedo = surface.albedo(0, 0.0, 1.0);
+        assert_eq!(albedo, [0.0, 0.5, MOST_ALBEDO]);
+        assert_eq!(surface.select([1].into_iter()).material.len(), 1);
+    }
+}
