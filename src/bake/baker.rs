@@ -12,6 +12,7 @@ use super::bounce::{Bounces, MOST_ROW_BYTES};
 use super::kernel::{Scratch, bake_point};
 use super::plan::Plan;
 use super::posed::{Posed, Stage};
+use super::seen::Sink;
 use super::surroundings::{NO_POINT, Surroundings, Trees};
 use super::{BakedPose, Error, PosedMesh, Reflectance, Settings, Signal};
 
@@ -189,13 +190,18 @@ impl Baker {
         let baked: usize = rayon::broadcast(|context| {
             let mut scratch = Scratch::new(&self.plan);
             let mut out = vec![0.0; self.plan.coefficients];
+            let rays = self.plan.directions.directions();
+            let sink = |_: &_| Sink::new(&self.stage, pose.normals, usize::MAX, rays);
+            let mut sink = self.reflectance.as_ref().map(sink);
             let mut baked = 0;
             // At least one, however late the thread wakes up.
             while baked == 0 || start.elapsed().as_secs_f64() < budget_s {
                 // An odd multiplier of the golden ratio visits the mesh evenly.
                 let step = (baked * threads + context.index()) as u64 * 0x9e37_79b9;
                 let point = ((step & 0xffff_ffff) * self.points() as u64) >> 32;
-                bake_point(&self.plan, &posed, point as usize, &mut scratch, None, &mut out);
+                let seen = sink.as_mut();
+                bake_point(&self.plan, &posed, point as usize, &mut scratch, seen, &mut out);
+                sink.as_mut().map(Sink::take);
                 baked += 1;
             }
             baked

@@ -136,6 +136,12 @@ pub(crate) struct BakeFlags {
     /// Metres beyond which nothing occludes; unbounded when absent.
     #[arg(long, value_name = "METRES")]
     max_distance: Option<f32>,
+    /// How often other surfaces pass light on, 0 to 8, for the signal transfer [default: 0].
+    #[arg(long, value_name = "N")]
+    bounces: Option<u32>,
+    /// With bounces, the reflectance of parts without a material [default: 0.5].
+    #[arg(long, value_name = "ALBEDO")]
+    albedo: Option<f32>,
     /// Seed of every random choice [default: 1].
     #[arg(long, value_name = "SEED")]
     seed: Option<u64>,
@@ -271,6 +277,8 @@ impl BakeFlags {
         set(&mut bake.order, self.order);
         set(&mut bake.rays, self.rays);
         set(&mut bake.seed, self.seed);
+        set(&mut bake.bounces, self.bounces);
+        bake.albedo = self.albedo.or(bake.albedo);
         set(&mut recipe.poses.seed, self.seed);
         if self.max_distance.is_some() {
             bake.max_distance_m = self.max_distance;

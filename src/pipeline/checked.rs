@@ -104,6 +104,7 @@ fn checked_bake(recipe: &BakeRecipe) -> Result<bake::Settings, RecipeError> {
         require(sound, "bake.max_distance_m", distance, "it must be a positive number of metres")?;
     }
     checked_surroundings(recipe)?;
+    checked_bounces(recipe)?;
     let signal = match recipe.signal {
         SignalName::Ao => bake::Signal::Ao,
         SignalName::Visibility => bake::Signal::Visibility,
@@ -116,6 +117,19 @@ fn checked_bake(recipe: &BakeRecipe) -> Result<bake::Settings, RecipeError> {
         max_distance_m: recipe.max_distance_m,
         seed: recipe.seed,
     })
+}
+
+fn checked_bounces(recipe: &BakeRecipe) -> Result<(), RecipeError> {
+    let (bounces, field) = (recipe.bounces, "bake.bounces");
+    require(bounces <= bake::MOST_BOUNCES, field, bounces, "it must be 0 to 8")?;
+    let carries = bounces == 0 || recipe.signal == SignalName::Transfer;
+    require(carries, field, bounces, "only the signal transfer has bounces")?;
+    if let Some(albedo) = recipe.albedo {
+        let field = "bake.albedo";
+        require((0.0..=1.0).contains(&albedo), field, albedo, "it must be 0 to 1")?;
+        require(bounces > 0, field, albedo, "it means nothing without bounces")?;
+    }
+    Ok(())
 }
 
 fn checked_surroundings(recipe: &BakeRecipe) -> Result<(), RecipeError> {
@@ -308,6 +322,11 @@ mod tests {
         assert_eq!(fault(|r| r.bake.rays = 0), "bake.rays");
         assert_eq!(fault(|r| r.bake.max_distance_m = Some(0.0)), "bake.max_distance_m");
         assert_eq!(fault(|r| r.bake.max_distance_m = Some(f32::NAN)), "bake.max_distance_m");
+        assert_eq!(fault(|r| r.bake.bounces = 9), "bake.bounces");
+        let ao = |r: &mut Recipe| (r.bake.signal, r.bake.bounces) = (SignalName::Ao, 1);
+        assert_eq!(fault(ao), "bake.bounces");
+        assert_eq!(fault(|r| r.bake.albedo = Some(0.5)), "bake.albedo");
+        assert_eq!(fault(|r| (r.bake.bounces, r.bake.albedo) = (1, Some(1.5))), "bake.albedo");
         let around = "bake.surroundings.ground";
         let nowhere = Some(GroundRecipe::HeightM(f32::NAN));
         assert_eq!(fault(|r| r.bake.surroundings.ground = nowhere), around);

@@ -24,13 +24,14 @@ const MOST_BLOCK_POSES: usize = 64;
 pub(super) fn header(job: &Job) -> Result<Header, Error> {
     let poses = &job.poses;
     let coefficients = job.checked.bake.signal.coefficients(job.checked.bake.order);
-    let pose_bytes = poses.points.count() * coefficients * size_of::<f32>();
+    let channels = job.reflectance.as_ref().map_or(1, |reflectance| reflectance.channels);
+    let pose_bytes = poses.points.count() * channels * coefficients * size_of::<f32>();
     let layout = Layout {
         poses: poses.samples.len(),
         points: poses.points.count(),
         vertices: job.scene.mesh.positions.len(),
         triangles: job.scene.mesh.triangles.len(),
-        channels: 1,
+        channels,
         coefficients,
         parameters: poses.parametrisation.columns.len(),
         bones: poses.bones.nodes.len(),

@@ -1,18 +1,19 @@
 //! A prepared job: scene, poses and checked recipe, with the hashes that name its results.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use glam::Vec3;
 
 use super::hash::{self, Hashes};
-use super::recipe::Recipe;
+use super::recipe::{DEFAULT_ALBEDO, Recipe};
 use super::surroundings::{self, Occluders};
 use super::{Checked, Error};
-use crate::bake::{self, Baker};
+use crate::bake::{self, Baker, Reflectance};
 use crate::model::Surface;
 use crate::pose::{self, PoseSet};
 use crate::rig::{self, Deformed};
-use crate::scene::{self, Limits, Scene};
+use crate::scene::{self, Content, Limits, Scene};
 
 /// Imports a scene within the default limits.
 ///
@@ -37,6 +38,14 @@ impl PointSurface {
     }
 }
 
+/// What of a scene's file a recipe needs.
+pub(super) fn content(recipe: &Recipe) -> Content {
+    match recipe.bake.bounces {
+        0 => Content::Shape,
+        _ => Content::Surface { plain: recipe.bake.albedo.unwrap_or(DEFAULT_ALBEDO) },
+    }
+}
+
 /// Everything that a bake needs, checked and resolved.
 #[derive(Debug)]
 pub struct Job {
@@ -54,6 +63,8 @@ pub struct Job {
     pub poses: PoseSet,
     /// What stands around the character.
     pub surroundings: bake::Surroundings,
+    /// What passes light on, where light bounces.
+    pub reflectance: Option<Reflectance>,
 }
 
 impl Job {
@@ -66,7 +77,9 @@ impl Job {
         Checked::new(&recipe)?;
         let named = recipe.bake.surroundings.occluders.as_ref();
         let still = named.map(|occluders| import(Path::new(&occluders.file))).transpose()?;
-        Self::new(import(path)?, still, recipe)
+        let scene = scene::import_content(path, &Limits::default(), content(&recipe))
+            .map_err(|source| Error::Scene { file: path.display().to_string(), source })?;
+        Self::new(scene, still, recipe)
     }
 
     /// Prepares the job of an imported scene, and of the scene that the recipe's occluders name.
@@ -83,7 +96,10 @@ impl Job {
         recipe.scene.sha256 = Some(scene_hash.clone());
         let hashes = Hashes::of(&scene_hash, &recipe);
         let surroundings = bake::Surroundings::default();
-        let mut job = Self { scene, occluders, recipe, checked, hashes, poses, surroundings };
+        let surface = scene.surface.take().filter(|_| recipe.bake.bounces > 0);
+        let reflectance = surface.map(|surface| reflectance(surface, recipe.bake.bounces));
+        let mut job =
+            Self { scene, occluders, recipe, checked, hashes, poses, surroundings, reflectance };
         let around = &job.recipe.bake.surroundings;
         let (resolved, notices) =
             surroundings::resolve(around, &job.scene.mesh, &job.poses, |pose| job.deformed(pose))?;
@@ -118,7 +134,11 @@ impl Job {
     /// What [`Baker::new`] and [`Baker::within`] object to.
     pub fn baker(&self, settings: &bake::Settings) -> Result<Baker, Error> {
         let (triangles, points) = self.occluders.with(&self.scene.mesh, &self.poses.points);
-        Ok(Baker::new(&triangles, &points, settings)?.within(self.surroundings.clone())?)
+        let baker = Baker::new(&triangles, &points, settings)?.within(self.surroundings.clone())?;
+        match &self.reflectance {
+            None => Ok(baker),
+            Some(reflectance) => Ok(baker.reflecting(reflectance.clone())?),
+        }
     }
 
     /// The points of one pose in the character's root frame.
@@ -140,3 +160,12 @@ impl Job {
         crate::num::random::hash(&words)
     }
 }
+
+fn reflectance(surface: scene::Surface, bounces: u32) -> Reflectance {
+    let channels = if surface.is_grey() { 1 } else { 3 };
+    Reflectance { bounces, channels, surface: Arc::new(surface) }
+}
+
+#[cfg(test)]
+#[path = "job_tests.rs"]
+mod tests;

@@ -148,9 +148,24 @@ pub struct BakeRecipe {
     pub max_distance_m: Option<f32>,
     /// Seed of all directions.
     pub seed: u64,
+    /// How often light is passed on by other surfaces before it reaches a point, 0 to 8; for the
+    /// signal `transfer`. Reflectances are the materials' base colours.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub bounces: u32,
+    /// With bounces, the reflectance of parts without a material, 0 to 1; 0.5 when absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub albedo: Option<f32>,
     /// What stands around the character.
     #[serde(skip_serializing_if = "SurroundingsRecipe::is_empty")]
     pub surroundings: SurroundingsRecipe,
+}
+
+/// Reflectance of parts without a material where none is given.
+pub const DEFAULT_ALBEDO: f32 = 0.5;
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_zero(count: &u32) -> bool {
+    *count == 0
 }
 
 impl Default for BakeRecipe {
@@ -161,6 +176,8 @@ impl Default for BakeRecipe {
             rays: 500,
             max_distance_m: None,
             seed: 1,
+            bounces: 0,
+            albedo: None,
             surroundings: SurroundingsRecipe::default(),
         }
     }

@@ -6,12 +6,12 @@ use std::time::Instant;
 use super::bake::bake_poses;
 use super::progress::{Progress, Stage, Watch};
 use super::recipe::Recipe;
-use super::{Checked, Error, Job, ReferenceSettings, hash, recipe_of, subset, surroundings};
+use super::{Checked, Error, Job, ReferenceSettings, hash, job, recipe_of, subset, surroundings};
 use crate::bake::{self, Baker};
 use crate::dataset::{Dataset, Reference, ReferenceHeader, ReferencePose};
 use crate::num::random;
 use crate::rig::Deformed;
-use crate::scene::{self, Limits};
+use crate::scene::{self, Content, Limits};
 
 /// What baking the references did.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -85,15 +85,15 @@ pub fn job_of(dataset: &Dataset) -> Result<Job, Error> {
 
 /// Another job over the scene of a data set.
 pub(super) fn job_for(dataset: &Dataset, recipe: Recipe) -> Result<Job, Error> {
-    let import = |sources| {
-        scene::import_sources(sources, &Limits::default()).map_err(|source| Error::Scene {
-            file: dataset.path().join("source").display().to_string(),
-            source,
+    let import = |sources, content| {
+        scene::import_sources_content(sources, &Limits::default(), content).map_err(|source| {
+            Error::Scene { file: dataset.path().join("source").display().to_string(), source }
         })
     };
     let (own, others) = surroundings::part(dataset.sources()?);
-    let still = if others.is_empty() { None } else { Some(import(others)?) };
-    Job::new(import(own)?, still, recipe)
+    let still = if others.is_empty() { None } else { Some(import(others, Content::Shape)?) };
+    let content = job::content(&recipe);
+    Job::new(import(own, content)?, still, recipe)
 }
 
 fn header(dataset: &Dataset, settings: ReferenceSettings) -> Result<ReferenceHeader, Error> {

@@ -46,6 +46,11 @@ impl Occluders {
                     "{what} of the scene is on or below {nodes}"
                 )));
             }
+            let lit_triangles = scene.mesh.parts.iter().filter(|part| !carried[part.node]);
+            let lit_triangles = lit_triangles.flat_map(|part| part.triangles.clone());
+            if let Some(surface) = &mut scene.surface {
+                *surface = surface.select(lit_triangles);
+            }
             scene.mesh = lit;
             taken.moving = moving;
         }

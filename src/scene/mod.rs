@@ -1,7 +1,8 @@
 //! Rank 5. Import of glTF and OBJ, with validation and limits: bytes in, a [`Scene`] out.
 //!
-//! A scene is the rest mesh with its skeleton ([`crate::rig`]) and the clips that move it. What a
-//! file holds beyond that (materials, textures, cameras, lights) is not looked at.
+//! A scene is the rest mesh with its skeleton ([`crate::rig`]) and the clips that move it; where
+//! they are asked for ([`Content`]), also what its triangles reflect. What a file holds beyond that
+//! (cameras, lights) is not looked at.
 //!
 //! Triangles wind as in the file, also under nodes of negative scale: which side faces outwards
 //! then is a matter of the pose, and [`crate::rig::deform`] answers it by the normals.
@@ -19,6 +20,7 @@ mod gltf;
 mod limits;
 mod normals;
 mod obj;
+mod picture;
 mod source;
 mod surface;
 mod uri;
@@ -43,10 +45,25 @@ pub struct Scene {
     pub mesh: Mesh,
     /// In the file's order; empty for a static scene.
     pub clips: Vec<Clip>,
-    /// The bytes all of this came from: the main file first, then external buffers.
+    /// What the triangles reflect, where that was asked for.
+    pub surface: Option<Surface>,
+    /// The bytes all of this came from: the main file first, then external buffers and pictures.
     pub sources: Vec<Source>,
     /// What was mended or left out, one sentence each, for the user.
     pub notices: Vec<String>,
+}
+
+/// What is read of a file.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Content {
+    /// Shape and motion.
+    #[default]
+    Shape,
+    /// Also base colours, their textures and vertex colours.
+    Surface {
+        /// The reflectance of parts without a material, 0 to 1.
+        plain: f32,
+    },
 }
 
 /// One file of a scene.
@@ -127,12 +144,20 @@ pub enum Interpolation {
 /// # Errors
 /// See [`Error`]: each names the place in the file and what is wrong with it.
 pub fn import(path: &Path, limits: &Limits) -> Result<Scene, Error> {
+    import_content(path, limits, Content::Shape)
+}
+
+/// As [`import`], with a say in what is read.
+///
+/// # Errors
+/// See [`Error`].
+pub fn import_content(path: &Path, limits: &Limits, content: Content) -> Result<Scene, Error> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let bytes = source::read(path, limits)?;
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new("."));
     let main = Source { name, bytes };
-    read(main, limits, |wanted| {
+    read(main, limits, content, |wanted| {
         let bytes = source::read_below(folder, &wanted, limits)?;
         Ok(Source { name: wanted, bytes })
     })
@@ -143,6 +168,18 @@ pub fn import(path: &Path, limits: &Limits) -> Result<Scene, Error> {
 /// # Errors
 /// See [`Error`].
 pub fn import_sources(sources: Vec<Source>, limits: &Limits) -> Result<Scene, Error> {
+    import_sources_content(sources, limits, Content::Shape)
+}
+
+/// As [`import_sources`], with a say in what is read.
+///
+/// # Errors
+/// See [`Error`].
+pub fn import_sources_content(
+    sources: Vec<Source>,
+    limits: &Limits,
+    content: Content,
+) -> Result<Scene, Error> {
     let mut sources = sources.into_iter();
     let main = sources
         .next()
@@ -152,7 +189,7 @@ pub fn import_sources(sources: Vec<Source>, limits: &Limits) -> Result<Scene, Er
     }
     let mut others: BTreeMap<String, Vec<u8>> =
         sources.map(|source| (source.name, source.bytes)).collect();
-    read(main, limits, |wanted| match others.remove(&wanted) {
+    read(main, limits, content, |wanted| match others.remove(&wanted) {
         Some(bytes) => Ok(Source { name: wanted, bytes }),
         None => Err(format!("the file {wanted:?} is not among the scene's sources")),
     })
@@ -162,20 +199,23 @@ pub fn import_sources(sources: Vec<Source>, limits: &Limits) -> Result<Scene, Er
 fn read(
     main: Source,
     limits: &Limits,
+    content: Content,
     mut fetch: impl FnMut(String) -> Result<Source, String>,
 ) -> Result<Scene, Error> {
     let mut budget = Budget::new(limits);
     let mut notices = Notices::default();
     let mut sources = vec![main];
-    let (skeleton, mesh, clips) = match format(&sources[0])? {
+    let (skeleton, mesh, clips, surface) = match format(&sources[0])? {
         Format::Obj => {
             let (skeleton, mesh) = obj::read(&sources[0], &mut budget, &mut notices)?;
-            (skeleton, mesh, Vec::new())
+            let plain = |plain| Surface::plain([plain; 3], mesh.triangles.len());
+            let surface = content.plain().map(plain);
+            (skeleton, mesh, Vec::new(), surface)
         }
         Format::Gltf => {
             let document = gltf::Document::parse(&sources[0].bytes, &mut budget, &mut notices)?;
             let mut missing = Vec::new();
-            for name in gltf::external(&document, &mut budget)? {
+            for name in gltf::external(&document, content, &mut budget)? {
                 match fetch(name.clone()) {
                     Ok(source) => sources.push(source),
                     Err(fault) => missing.push((name, fault)),
@@ -185,12 +225,22 @@ fn read(
             let missing = missing.iter().map(|(name, fault)| (name.as_str(), Err(fault.clone())));
             let external = found.chain(missing).collect();
             let views = gltf::Sources { main: &sources[0].bytes, external };
-            gltf::build(&document, &views, &mut budget, &mut notices)?
+            gltf::build(&document, &views, content, &mut budget, &mut notices)?
         }
     };
     check_extent(&mesh, &skeleton)?;
     count_degenerate(&mesh, &mut notices);
-    Ok(Scene { skeleton, mesh, clips, sources, notices: notices.finish() })
+    Ok(Scene { skeleton, mesh, clips, surface, sources, notices: notices.finish() })
+}
+
+impl Content {
+    /// The reflectance of parts without a material, where reflectance is asked for.
+    fn plain(self) -> Option<f32> {
+        match self {
+            Self::Shape => None,
+            Self::Surface { plain } => Some(plain),
+        }
+    }
 }
 
 /// The formats that are read.

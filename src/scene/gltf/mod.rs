@@ -13,14 +13,15 @@ mod morph;
 mod node;
 mod reference;
 mod skin;
+mod surface;
 mod topology;
 
 use gltf::json::Root;
 
 pub(super) use container::Document;
 
-use super::budget::{Budget, Notices};
-use super::{Clip, Error};
+use super::budget::{Budget, Notices, Quantity};
+use super::{Clip, Content, Error, Surface};
 use crate::rig::{Mesh, Skeleton};
 use accessor::Usage;
 use buffer::Buffers;
@@ -37,18 +38,32 @@ struct File<'a, 'l> {
     notices: &'a mut Notices,
 }
 
-/// The names of the external buffers that the document's views need, each once.
-pub(super) fn external(document: &Document, budget: &mut Budget) -> Result<Vec<String>, Error> {
-    buffer::external(&document.root, budget)
+/// The names of the external files that the document's views and pictures need, each once.
+pub(super) fn external(
+    document: &Document,
+    content: Content,
+    budget: &mut Budget,
+) -> Result<Vec<String>, Error> {
+    let mut names = buffer::external(&document.root, budget)?;
+    if content.plain().is_some() {
+        for name in surface::external(&document.root)? {
+            budget.take(Quantity::Files, 1, &name)?;
+            if !names.contains(&name) {
+                names.push(name);
+            }
+        }
+    }
+    Ok(names)
 }
 
 /// Builds what the chosen scene of the document shows.
 pub(super) fn build(
     document: &Document,
     sources: &Sources,
+    content: Content,
     budget: &mut Budget,
     notices: &mut Notices,
-) -> Result<(Skeleton, Mesh, Vec<Clip>), Error> {
+) -> Result<(Skeleton, Mesh, Vec<Clip>, Option<Surface>), Error> {
     let root = &document.root;
     extension::check(root, notices)?;
     reference::check(root)?;
@@ -63,8 +78,12 @@ pub(super) fn build(
         let unread = file.unread_accessor_faults().into_iter().next();
         return Err(unread.unwrap_or(Error::NoTriangles { place: graph.scene }));
     }
+    let surface = match content.plain() {
+        Some(plain) => Some(surface::read(&mut file, &graph, &built.mesh, sources, plain)?),
+        None => None,
+    };
     for fault in file.unread_accessor_faults() {
         notices.add(format!("not needed, but broken: {fault}"));
     }
-    Ok((graph.skeleton, built.mesh, clips))
+    Ok((graph.skeleton, built.mesh, clips, surface))
 }

@@ -6,6 +6,7 @@ mod containers;
 mod faults;
 mod nodes;
 mod skins;
+mod surfaces;
 
 use serde_json::{Value, json};
 

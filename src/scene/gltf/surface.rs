@@ -1,0 +1,292 @@
+//! What triangles reflect: base colour factor, base colour texture, vertex colours.
+
+use std::sync::Arc;
+
+use gltf::json::accessor::{ComponentType, Type};
+use gltf::json::image::Image;
+use gltf::json::material::Material as Json;
+use gltf::json::mesh::Semantic;
+use gltf::json::texture::{Info, WrappingMode};
+use gltf::json::validation::Checked;
+
+use super::File;
+use super::accessor::Format;
+use super::buffer::Sources;
+use super::mesh::check_count;
+use super::node::Graph;
+use crate::rig::{Mesh, Part};
+use crate::scene::budget::Quantity;
+use crate::scene::error::Error;
+use crate::scene::source::relative_name;
+use crate::scene::surface::{Material, Surface, Texture, Wrap};
+use crate::scene::{picture, uri};
+
+const FRACTIONS: &[(ComponentType, Option<bool>)] = &[
+    (ComponentType::F32, None),
+    (ComponentType::U8, Some(true)),
+    (ComponentType::U16, Some(true)),
+];
+const TEXCOORDS: Format = Format { kind: Type::Vec2, components: FRACTIONS };
+const RGB: Format = Format { kind: Type::Vec3, components: FRACTIONS };
+const RGBA: Format = Format { kind: Type::Vec4, components: FRACTIONS };
+
+/// Where a texture's coordinates come from.
+#[derive(Debug, Clone, Copy)]
+struct Mapping {
+    set: u32,
+    offset: [f32; 2],
+    /// Rows of rotation times scale.
+    matrix: [[f32; 2]; 2],
+}
+
+/// The names of the external pictures that base colours use, each once.
+pub(super) fn external(root: &gltf::json::Root) -> Result<Vec<String>, Error> {
+    let mut names = Vec::new();
+    for material in &root.materials {
+        let Some(info) = &material.pbr_metallic_roughness.base_color_texture else { continue };
+        let image = root.textures.get(info.index.value()).map(|texture| texture.source.value());
+        let Some((index, uri)) = image.and_then(|i| Some((i, root.images.get(i)?.uri.as_ref()?)))
+        else {
+            continue;
+        };
+        if uri::is_data(uri) {
+            continue;
+        }
+        let place = format!("images[{index}].uri");
+        let name = relative_name(uri).map_err(|fault| Error::invalid(&place, fault))?;
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    Ok(names)
+}
+
+/// Reads what the mesh's triangles reflect. `plain` is the reflectance of parts without a material.
+pub(super) fn read(
+    file: &mut File,
+    graph: &Graph,
+    mesh: &Mesh,
+    sources: &Sources,
+    plain: f32,
+) -> Result<Surface, Error> {
+    let root = file.root;
+    let mut surface = Surface::plain([plain; 3], 0);
+    let mut mappings = vec![None];
+    for (index, material) in root.materials.iter().enumerate() {
+        let (material, mapping) = read_material(file, index, material, sources)?;
+        surface.materials.push(material);
+        mappings.push(mapping);
+    }
+    let textured = mappings.iter().any(Option::is_some);
+    let mut coloured = false;
+    let mut parts = mesh.parts.iter().peekable();
+    for (index, node) in root.nodes.iter().enumerate() {
+        let (Some(source), true, Some(own)) = (node.mesh, graph.shown[index], graph.of_file[index])
+        else {
+            continue;
+        };
+        for (at, primitive) in root.meshes[source.value()].primitives.iter().enumerate() {
+            let Some(part) = parts.next_if(|part| part.node == own && part.primitive == at) else {
+                continue;
+            };
+            let material = primitive.material.map_or(0, |material| material.value() + 1);
+            if material > root.materials.len() {
+                let place = format!("meshes[{}].primitives[{at}].material", source.value());
+                let (list, count) = ("materials", root.materials.len());
+                return Err(Error::Reference { place, list, index: material - 1, count });
+            }
+            surface.material.extend(part.triangles.clone().map(|_| material as u32));
+            if textured {
+                let uv = texture_coordinates(file, primitive, part, mappings[material])?;
+                surface.uv.extend(corners(mesh, part, &uv));
+            }
+            let colours = colours(file, primitive, part)?;
+            coloured |= colours.is_some();
+            let colours = colours.unwrap_or_else(|| vec![[1.0; 3]; part.vertices.len()]);
+            surface.colour.extend(corners(mesh, part, &colours));
+        }
+    }
+    if !coloured {
+        surface.colour = Vec::new();
+    }
+    Ok(surface)
+}
+
+/// The values at the corners of a part's triangles.
+fn corners<'a, T: Copy>(
+    mesh: &'a Mesh,
+    part: &'a Part,
+    values: &'a [T],
+) -> impl Iterator<Item = [T; 3]> + 'a {
+    let triangles = mesh.triangles[part.triangles.clone()].iter();
+    triangles.map(|triangle| triangle.map(|corner| values[corner as usize - part.vertices.start]))
+}
+
+fn texture_coordinates(
+    file: &mut File,
+    primitive: &gltf::json::mesh::Primitive,
+    part: &Part,
+    mapping: Option<Mapping>,
+) -> Result<Vec<[f32; 2]>, Error> {
+    let none = vec![[0.0; 2]; part.vertices.len()];
+    let Some(mapping) = mapping else { return Ok(none) };
+    let semantic = Checked::Valid(Semantic::TexCoords(mapping.set));
+    let Some(accessor) = primitive.attributes.get(&semantic) else {
+        file.notices.add(format!(
+            "mesh {:?}: its material has a texture, but there is no TEXCOORD_{}",
+            part.name, mapping.set
+        ));
+        return Ok(none);
+    };
+    let purpose = format!("TEXCOORD_{} of mesh {:?}", mapping.set, part.name);
+    let elements = file.accessor(accessor.value(), &purpose, TEXCOORDS)?;
+    check_count(&elements, part.vertices.len())?;
+    let values = file.floats::<2>(&elements)?;
+    let place = |[u, v]: [f32; 2]| {
+        let along =
+            |i: usize| mapping.matrix[i][0] * u + mapping.matrix[i][1] * v + mapping.offset[i];
+        [along(0), along(1)]
+    };
+    Ok(values.into_iter().map(place).collect())
+}
+
+fn colours(
+    file: &mut File,
+    primitive: &gltf::json::mesh::Primitive,
+    part: &Part,
+) -> Result<Option<Vec<[f32; 3]>>, Error> {
+    let Some(accessor) = primitive.attributes.get(&Checked::Valid(Semantic::Colors(0))) else {
+        return Ok(None);
+    };
+    let purpose = format!("COLOR_0 of mesh {:?}", part.name);
+    let kind = file.root.accessors.get(accessor.value()).map(|accessor| accessor.type_);
+    let four = matches!(kind, Some(Checked::Valid(Type::Vec4)));
+    let elements = file.accessor(accessor.value(), &purpose, if four { RGBA } else { RGB })?;
+    check_count(&elements, part.vertices.len())?;
+    let colours: Vec<[f32; 3]> = if four {
+        file.finite_floats::<4>(&elements)?.into_iter().map(|[r, g, b, _]| [r, g, b]).collect()
+    } else {
+        file.finite_floats::<3>(&elements)?
+    };
+    Ok(Some(colours.into_iter().map(|colour| colour.map(|c| c.clamp(0.0, 1.0))).collect()))
+}
+
+fn read_material(
+    file: &mut File,
+    index: usize,
+    json: &Json,
+    sources: &Sources,
+) -> Result<(Material, Option<Mapping>), Error> {
+    let pbr = &json.pbr_metallic_roughness;
+    let place = format!("materials[{index}]");
+    let [r, g, b, _] = pbr.base_color_factor.0;
+    if [r, g, b].iter().any(|value| !(0.0..=1.0).contains(value)) {
+        file.notices.add(format!("{place}: a base colour outside 0 to 1 was clamped"));
+    }
+    // Written so that NaN becomes 0.
+    let factor = [r, g, b].map(|value| value.max(0.0).min(1.0));
+    let Some(info) = &pbr.base_color_texture else {
+        return Ok((Material { factor, texture: None }, None));
+    };
+    let texture = Some(Arc::new(read_texture(file, info, &place, sources)?));
+    Ok((Material { factor, texture }, Some(mapping(info))))
+}
+
+fn mapping(info: &Info) -> Mapping {
+    let extension =
+        info.extensions.as_ref().and_then(|all| all.others.get("KHR_texture_transform"));
+    let field = |name: &str| extension.and_then(|json| json.get(name));
+    let number = |json: Option<&serde_json::Value>, default: f32| {
+        let value = json.and_then(serde_json::Value::as_f64).map(|value| value as f32);
+        value.filter(|value| value.is_finite()).unwrap_or(default)
+    };
+    let pair = |name: &str, default: f32| {
+        [0, 1].map(|i| number(field(name).and_then(|list| list.get(i)), default))
+    };
+    let (offset, scale) = (pair("offset", 0.0), pair("scale", 1.0));
+    let (sin, cos) = number(field("rotation"), 0.0).sin_cos();
+    let set = field("texCoord").and_then(serde_json::Value::as_u64);
+    Mapping {
+        set: set.and_then(|set| u32::try_from(set).ok()).unwrap_or(info.tex_coord),
+        offset,
+        matrix: [[cos * scale[0], sin * scale[1]], [-sin * scale[0], cos * scale[1]]],
+    }
+}
+
+fn read_texture(
+    file: &mut File,
+    info: &Info,
+    place: &str,
+    sources: &Sources,
+) -> Result<Texture, Error> {
+    let root = file.root;
+    let missing = |list, index, count| {
+        let place = place.to_owned();
+        Error::Reference { place, list, index, count }
+    };
+    let at = info.index.value();
+    let texture =
+        root.textures.get(at).ok_or_else(|| missing("textures", at, root.textures.len()))?;
+    let source = texture.source.value();
+    let image =
+        root.images.get(source).ok_or_else(|| missing("images", source, root.images.len()))?;
+    let place = format!("images[{source}]");
+    let decoded = {
+        let bytes = image_bytes(file, image, &place, sources)?;
+        picture::decode(&bytes, &place, file.budget)?
+    };
+    let sampler = texture.sampler.and_then(|sampler| root.samplers.get(sampler.value()));
+    let wrap = |mode: Checked<WrappingMode>| match mode {
+        Checked::Valid(WrappingMode::ClampToEdge) => Wrap::Clamp,
+        Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::Mirror,
+        _ => Wrap::Repeat,
+    };
+    let wrap = sampler.map_or([Wrap::Repeat; 2], |s| [s.wrap_s, s.wrap_t].map(wrap));
+    Ok(Texture { wrap, ..decoded })
+}
+
+/// The encoded picture.
+fn image_bytes(
+    file: &mut File,
+    image: &Image,
+    place: &str,
+    sources: &Sources,
+) -> Result<Vec<u8>, Error> {
+    let invalid = |fault: String| Error::invalid(place, fault);
+    match (&image.uri, image.buffer_view) {
+        (Some(uri), _) if uri::is_data(uri) => {
+            file.budget.take(Quantity::DecodedBytes, uri.len() as u64, place)?;
+            uri::decode_data(uri).map_err(invalid)
+        }
+        (Some(uri), _) => {
+            let name = relative_name(uri).map_err(invalid)?;
+            let found = sources.external.iter().find(|(known, _)| *known == name);
+            match found {
+                Some((_, Ok(bytes))) => Ok(bytes.to_vec()),
+                Some((_, Err(fault))) => Err(invalid(fault.clone())),
+                None => {
+                    Err(invalid(format!("the picture {name:?} is not among the scene's files")))
+                }
+            }
+        }
+        (None, Some(view)) => {
+            let (index, list) = (view.value(), &file.root.buffer_views);
+            let view = list.get(index).ok_or_else(|| Error::Reference {
+                place: place.to_owned(),
+                list: "bufferViews",
+                index,
+                count: list.len(),
+            })?;
+            let bytes = file.buffers.get(view.buffer.value())?;
+            let start = view.byte_offset.map_or(0, |offset| offset.0);
+            let range = usize::try_from(start).ok().zip(
+                start.checked_add(view.byte_length.0).and_then(|end| usize::try_from(end).ok()),
+            );
+            let found = range.and_then(|(start, end)| bytes.get(start..end));
+            found
+                .map(<[u8]>::to_vec)
+                .ok_or_else(|| invalid("its bytes lie outside the buffer".into()))
+        }
+        (None, None) => Err(invalid("it has neither a uri nor a bufferView".into())),
+    }
+}
