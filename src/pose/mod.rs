@@ -154,14 +154,16 @@ pub fn sample(scene: &Scene, settings: &Settings) -> Result<PoseSet, Error> {
         .collect();
     let root = Root::of(scene, settings.root_motion);
     // Repeats are told apart by everything that moves anywhere, parameters by training alone.
-    let everything = angles(scene, &root, size_m, drafts.iter());
+    let names = &scene.mesh.weight_names;
+    let everything = angles(scene, &root, size_m, names, drafts.iter());
     let near_repeats = drop_repeats(&mut drafts, &everything, &root, settings.near_repeat);
     let training = drafts.iter().filter(|draft| draft.instant.split == Split::Training);
+    // The number of a frame is no measure of its shape.
+    let names = if scene.is_sequence { &[][..] } else { names };
     let parametrisation = match settings.parametrisation {
-        ParametrisationKind::JointAngles => angles(scene, &root, size_m, training),
+        ParametrisationKind::JointAngles => angles(scene, &root, size_m, names, training),
         ParametrisationKind::Handles => {
             let poses: Vec<_> = training.map(|d| (&d.pose, root.inside(&d.pose))).collect();
-            let names = &scene.mesh.weight_names;
             Parametrisation::handles(&scene.skeleton, &poses, size_m, &carries(scene), names)
         }
     };
@@ -262,6 +264,7 @@ fn angles<'a>(
     scene: &Scene,
     root: &Root<'_>,
     size_m: f32,
+    names: &[String],
     drafts: impl Iterator<Item = &'a Draft>,
 ) -> Parametrisation {
     let poses: Vec<&Pose> = drafts.map(|draft| &draft.pose).collect();
@@ -272,7 +275,6 @@ fn angles<'a>(
         excluded[node] = true;
         next = nodes[node].parent;
     }
-    let names = &scene.mesh.weight_names;
     let mut angles =
         Parametrisation::joint_angles(&scene.skeleton, &poses, size_m, &excluded, names);
     angles.retain_nodes(&carries(scene));

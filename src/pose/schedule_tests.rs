@@ -15,7 +15,15 @@ fn clip(name: &str, times: &[f32]) -> Clip {
 
 fn scene(clips: Vec<Clip>) -> Scene {
     let (skeleton, mesh) = <_>::default();
-    Scene { skeleton, mesh, clips, surface: None, sources: Vec::new(), notices: Vec::new() }
+    Scene {
+        skeleton,
+        mesh,
+        clips,
+        is_sequence: false,
+        surface: None,
+        sources: Vec::new(),
+        notices: Vec::new(),
+    }
 }
 
 fn named(names: &[&str]) -> Option<Vec<String>> {

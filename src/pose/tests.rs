@@ -19,7 +19,15 @@ fn scene(clips: Vec<Clip>) -> Scene {
         influence_starts: vec![0, 1, 2, 3],
         ..Mesh::default()
     };
-    Scene { skeleton, mesh, clips, surface: None, sources: Vec::new(), notices: Vec::new() }
+    Scene {
+        skeleton,
+        mesh,
+        clips,
+        is_sequence: false,
+        surface: None,
+        sources: Vec::new(),
+        notices: Vec::new(),
+    }
 }
 
 fn turning(node: usize, to: f32) -> Channel {

@@ -1,4 +1,4 @@
-//! Rank 5. Import of glTF and OBJ, with validation and limits: bytes in, a [`Scene`] out.
+//! Rank 5. Import of glTF, OBJ and vertex sequences, with validation and limits: bytes in, a [`Scene`] out.
 //!
 //! A scene is the rest mesh with its skeleton ([`crate::rig`]) and the clips that move it; where
 //! they are asked for ([`Content`]), also what its triangles reflect. What a file holds beyond that
@@ -21,6 +21,7 @@ mod limits;
 mod normals;
 mod obj;
 mod picture;
+mod sequence;
 mod source;
 mod surface;
 mod uri;
@@ -45,6 +46,9 @@ pub struct Scene {
     pub mesh: Mesh,
     /// In the file's order; empty for a static scene.
     pub clips: Vec<Clip>,
+    /// Whether the morph weights number the frames of a vertex sequence, and so say nothing of how
+    /// near two poses are.
+    pub is_sequence: bool,
     /// What the triangles reflect, where that was asked for.
     pub surface: Option<Surface>,
     /// The bytes all of this came from: the main file first, then external buffers and pictures.
@@ -138,7 +142,7 @@ pub enum Interpolation {
     CubicSpline,
 }
 
-/// Reads a `.glb`, `.gltf` or `.obj` file, told apart by content where possible and else by
+/// Reads a `.glb`, `.gltf`, `.obj` or `.npz` file, told apart by content where possible and else by
 /// extension, together with its external buffers.
 ///
 /// # Errors
@@ -205,7 +209,14 @@ fn read(
     let mut budget = Budget::new(limits);
     let mut notices = Notices::default();
     let mut sources = vec![main];
-    let (skeleton, mesh, clips, surface) = match format(&sources[0])? {
+    let format = format(&sources[0])?;
+    let (skeleton, mesh, clips, surface) = match format {
+        Format::Sequence => {
+            let (skeleton, mesh, clips) = sequence::read(&sources[0], &mut budget, &mut notices)?;
+            let plain = |plain| Surface::plain([plain; 3], mesh.triangles.len());
+            let surface = content.plain().map(plain);
+            (skeleton, mesh, clips, surface)
+        }
         Format::Obj => {
             let (skeleton, mesh) = obj::read(&sources[0], &mut budget, &mut notices)?;
             let plain = |plain| Surface::plain([plain; 3], mesh.triangles.len());
@@ -230,7 +241,8 @@ fn read(
     };
     check_extent(&mesh, &skeleton)?;
     count_degenerate(&mesh, &mut notices);
-    Ok(Scene { skeleton, mesh, clips, surface, sources, notices: notices.finish() })
+    let is_sequence = format == Format::Sequence;
+    Ok(Scene { skeleton, mesh, clips, is_sequence, surface, sources, notices: notices.finish() })
 }
 
 impl Content {
@@ -244,15 +256,20 @@ impl Content {
 }
 
 /// The formats that are read.
+#[derive(PartialEq)]
 enum Format {
     Gltf,
     Obj,
+    Sequence,
 }
 
 /// Told by content, and where that says nothing, by extension.
 fn format(main: &Source) -> Result<Format, Error> {
     let text = main.bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&main.bytes);
     let starts_with = |byte| text.trim_ascii_start().first() == Some(&byte);
+    if main.bytes.starts_with(b"PK\x03\x04") {
+        return Ok(Format::Sequence);
+    }
     if main.bytes.starts_with(b"glTF") || starts_with(b'{') {
         return Ok(Format::Gltf);
     }

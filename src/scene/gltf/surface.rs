@@ -183,8 +183,8 @@ fn read_material(
     if [r, g, b].iter().any(|value| !(0.0..=1.0).contains(value)) {
         file.notices.add(format!("{place}: a base colour outside 0 to 1 was clamped"));
     }
-    // Written so that NaN becomes 0.
-    let factor = [r, g, b].map(|value| value.max(0.0).min(1.0));
+    // JSON has no NaN.
+    let factor = [r, g, b].map(|value| value.clamp(0.0, 1.0));
     let Some(info) = &pbr.base_color_texture else {
         return Ok((Material { factor, texture: None }, None));
     };

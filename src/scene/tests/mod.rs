@@ -5,6 +5,7 @@ mod clips;
 mod containers;
 mod faults;
 mod nodes;
+mod sequences;
 mod skins;
 mod surfaces;
 

@@ -40,7 +40,7 @@ fn dressed(material: Value) -> Maker {
 }
 
 /// A triangle under this picture.
-fn pictured(image: Value, info: Value) -> Maker {
+fn pictured(image: Value, info: &Value) -> Maker {
     let factor = [0.5, 0.5, 1.0, 1.0];
     let mut maker = dressed(json!({
         "pbrMetallicRoughness": {"baseColorFactor": factor, "baseColorTexture": info}
@@ -61,7 +61,7 @@ fn factors_and_the_lack_of_them() {
     let surface = surfaced(&red).unwrap();
     assert_eq!(surface.albedo(0, 0.3, 0.3), [0.5, 0.0, 0.0]);
     assert!(!surface.is_grey());
-    let lost = pictured(json!({"uri": "lost.png"}), json!({"index": 0}));
+    let lost = pictured(json!({"uri": "lost.png"}), &json!({"index": 0}));
     assert!(lost.scene().surface.is_none());
 }
 
@@ -76,23 +76,23 @@ fn textures_reach_the_corners() {
             assert_eq!(surface.albedo(0, place.0, place.1), expected);
         }
     };
-    let mut embedded = pictured(json!({}), json!({"index": 0}));
+    let mut embedded = pictured(json!({}), &json!({"index": 0}));
     let view = embedded.view(&png());
     embedded.document["images"][0] = json!({"bufferView": view, "mimeType": "image/png"});
     check(&surfaced(&embedded).unwrap());
 
-    let beside = pictured(json!({"uri": "a%20b.png"}), json!({"index": 0}));
+    let beside = pictured(json!({"uri": "a%20b.png"}), &json!({"index": 0}));
     let mut sources = beside.sources();
     sources.push(Source { name: "a b.png".into(), bytes: png() });
     check(&surfaced_with(sources).unwrap());
 
     let text: String = png().iter().map(|byte| format!("%{byte:02x}")).collect();
     let uri = format!("data:image/png,{text}");
-    check(&surfaced(&pictured(json!({"uri": uri}), json!({"index": 0}))).unwrap());
+    check(&surfaced(&pictured(json!({"uri": uri}), &json!({"index": 0}))).unwrap());
 
     let transform = json!({"KHR_texture_transform": {"offset": [0.5, 0.5]}});
     let info = json!({"index": 0, "extensions": transform});
-    let moved = surfaced(&pictured(json!({"uri": uri}), info)).unwrap();
+    let moved = surfaced(&pictured(json!({"uri": uri}), &info)).unwrap();
     assert_eq!(moved.albedo(0, 0.0, 0.0), [0.5, 0.5, MOST_ALBEDO]);
 }
 
@@ -140,7 +140,7 @@ fn claimed(width: u32, height: u32) -> Vec<u8> {
 #[test]
 fn hostile_pictures_are_refused() {
     let refusal = |bytes: &[u8]| {
-        let maker = pictured(json!({"uri": "p.png"}), json!({"index": 0}));
+        let maker = pictured(json!({"uri": "p.png"}), &json!({"index": 0}));
         let mut sources = maker.sources();
         sources.push(Source { name: "p.png".into(), bytes: bytes.to_vec() });
         surfaced_with(sources).expect_err("must be refused").to_string()
@@ -154,15 +154,15 @@ fn hostile_pictures_are_refused() {
     let message = refusal(&claimed(16_000, 16_000));
     assert!(message.contains("`decoded_bytes`"), "{message}");
 
-    let lost = pictured(json!({"uri": "lost.png"}), json!({"index": 0}));
+    let lost = pictured(json!({"uri": "lost.png"}), &json!({"index": 0}));
     let message = surfaced(&lost).unwrap_err().to_string();
     assert!(message.contains("lost.png"), "{message}");
-    let escaping = pictured(json!({"uri": "../p.png"}), json!({"index": 0}));
+    let escaping = pictured(json!({"uri": "../p.png"}), &json!({"index": 0}));
     assert!(surfaced(&escaping).is_err());
-    let nothing = pictured(json!({}), json!({"index": 0}));
+    let nothing = pictured(json!({}), &json!({"index": 0}));
     assert!(surfaced(&nothing).unwrap_err().to_string().contains("neither"));
-    let astray = pictured(json!({"bufferView": 77}), json!({"index": 0}));
+    let astray = pictured(json!({"bufferView": 77}), &json!({"index": 0}));
     assert!(surfaced(&astray).is_err());
-    let wrong = pictured(json!({"uri": "p.png"}), json!({"index": 5}));
+    let wrong = pictured(json!({"uri": "p.png"}), &json!({"index": 5}));
     assert!(surfaced(&wrong).is_err());
 }
