@@ -48,6 +48,9 @@ pub(crate) struct FitFlags {
     /// Spheres on the bones of occluder [default: 100].
     #[arg(long, value_name = "N")]
     spheres: Option<u32>,
+    /// Neurons of each cluster of clustered-tanh [default: by cross-validation].
+    #[arg(long, value_name = "N")]
+    neurons: Option<u32>,
     /// The frame in which coefficients are modelled [default: bone].
     #[arg(long, value_enum)]
     frame: Option<FrameArg>,
@@ -72,6 +75,9 @@ enum FamilyArg {
     PcaLinear,
     Multilinear,
     Occluder,
+    ClusteredLinear,
+    ClusteredQuadratic,
+    ClusteredTanh,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -135,6 +141,7 @@ impl FitFlags {
         fit.clusters = self.clusters.or(fit.clusters);
         fit.point_clusters = self.point_clusters.or(fit.point_clusters);
         fit.point_threshold = self.point_threshold.or(fit.point_threshold);
+        fit.neurons = self.neurons.or(fit.neurons);
         fit.published |= self.published;
         set(&mut fit.blend_exponent, self.blend_exponent);
         fit.unshadowed = self.unshadowed.or(fit.unshadowed);
@@ -150,7 +157,7 @@ impl FitFlags {
 }
 
 names! {
-    FamilyArg => FamilyName { Mean, Linear, PcaLinear, Multilinear, Occluder }
+    FamilyArg => FamilyName { Mean, Linear, PcaLinear, Multilinear, Occluder, ClusteredLinear, ClusteredQuadratic, ClusteredTanh }
     FrameArg => FrameName { Root, Bone }
     RidgeArg => RidgeName { LeaveOneOut, LeaveOneClipOut, Fixed }
     OnArg => OnName { Novel, Trained }

@@ -13,6 +13,8 @@ use super::{Dataset, Error};
 #[derive(Debug)]
 pub struct Training<'a> {
     parts: TrainingParts,
+    /// Of each point the nodes that move it and their shares.
+    skin: Option<Vec<Vec<(u32, f32)>>>,
     source: Source<'a>,
 }
 
@@ -62,14 +64,14 @@ impl Training<'static> {
         assert_eq!(parts.bone_rotations.len(), poses * parts.bones, "bone rotations");
         assert_eq!(parts.point_bones.len(), parts.points, "bones of points");
         assert_eq!(parts.values.len(), poses * parts.points * row, "values");
-        Self { parts, source: Source::Memory }
+        Self { parts, skin: None, source: Source::Memory }
     }
 }
 
 impl<'a> Training<'a> {
     /// The training poses `poses` of `dataset`; `parts.values` is empty.
     pub(super) fn stored(dataset: &'a Dataset, poses: Vec<usize>, parts: TrainingParts) -> Self {
-        Self { parts, source: Source::Stored { dataset, poses } }
+        Self { parts, skin: None, source: Source::Stored { dataset, poses } }
     }
 
     /// The same poses in other parameters, `[pose, parameter]`, not centred.
@@ -82,6 +84,23 @@ impl<'a> Training<'a> {
         self.parts.parameters = parameters;
         self.parts.parameter_names = names;
         self
+    }
+
+    /// With the skin weights of every point: pairs of a node and its share.
+    ///
+    /// # Panics
+    /// If there is not one list per point.
+    #[must_use]
+    pub fn with_skin(mut self, skin: Vec<Vec<(u32, f32)>>) -> Self {
+        assert_eq!(skin.len(), self.points(), "skin weights");
+        self.skin = Some(skin);
+        self
+    }
+
+    /// The skin weights of every point, where they are known.
+    #[must_use]
+    pub fn skin(&self) -> Option<&[Vec<(u32, f32)>]> {
+        self.skin.as_deref()
     }
 
     /// Number of training poses.

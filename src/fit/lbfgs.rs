@@ -123,7 +123,10 @@ mod tests {
     fn rosenbrock_is_solved() {
         for start in [vec![-1.2, 1.0], vec![30.0, -50.0]] {
             let minimum = minimise(start, 300, rosenbrock);
-            assert!((minimum.x[0] - 1.0).abs() < 1e-6 && (minimum.x[1] - 1.0).abs() < 1e-6, "{minimum:?}");
+            assert!(
+                (minimum.x[0] - 1.0).abs() < 1e-6 && (minimum.x[1] - 1.0).abs() < 1e-6,
+                "{minimum:?}"
+            );
         }
     }
 

@@ -9,6 +9,7 @@
 //! *Invariant:* the same data and settings give the same bytes for any number of threads: blocks
 //! depend on the sizes of the data alone and are combined in their order.
 
+mod clustered;
 mod design;
 mod error;
 mod folds;
@@ -16,13 +17,17 @@ mod frame;
 mod geometry;
 mod greedy_split;
 mod k_means;
+mod lbfgs;
 mod leave_out;
 mod linear;
 mod mean;
+mod mean_shift;
 mod moments;
 mod multilinear;
+mod neurons;
 mod occluder;
 mod output_basis;
+mod output_parts;
 mod pca_linear;
 mod point_clusters;
 mod report;
@@ -31,6 +36,7 @@ mod sketch;
 mod source;
 mod tall_qr;
 
+pub use clustered::{ClusteredSizes, Kept};
 pub use error::Error;
 pub use geometry::Geometry;
 pub use multilinear::{MultilinearSizes, PointClusters};
@@ -66,6 +72,8 @@ pub enum Family {
     },
     /// Ridges around several poses, blended (AO07).
     Multilinear(MultilinearSizes),
+    /// Small maps of the pose for each cluster of points (RPO09).
+    Clustered(ClusteredSizes),
 }
 
 /// How the regularisation α is chosen.
@@ -186,6 +194,9 @@ pub fn fit_posed(
         }
         Family::Multilinear(sizes) => {
             multilinear::fit(&source, training, &design, sizes, settings, &mut clock)?
+        }
+        Family::Clustered(sizes) => {
+            clustered::fit(&source, training, &design, sizes, settings, &mut clock)?
         }
     };
     if let Some((occluders, report)) = explained {

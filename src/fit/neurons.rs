@@ -109,9 +109,11 @@ fn fit(data: Data<'_>, neurons: usize, alpha: f64, seed: u64, steps: usize) -> N
     let Data { inputs, outputs, .. } = data;
     let mut stream = Stream::new(hash(&[seed, neurons as u64]));
     let scale = 1.0 / (inputs as f64).sqrt();
-    let mut start: Vec<f64> = (0..neurons * (inputs + 1)).map(|_| stream.normal() * scale).collect();
+    let mut start: Vec<f64> =
+        (0..neurons * (inputs + 1)).map(|_| stream.normal() * scale).collect();
     start.extend((0..outputs * (neurons + 1)).map(|_| 0.01 * stream.normal()));
-    let minimum = minimise(start, steps, |x, gradient| objective(data, neurons, alpha, x, gradient));
+    let minimum =
+        minimise(start, steps, |x, gradient| objective(data, neurons, alpha, x, gradient));
     let (hidden, weights) = minimum.x.split_at(neurons * (inputs + 1));
     let mut layer =
         Neurons { hidden: hidden.to_vec(), weights: weights.to_vec(), energy: 0.0, alpha };
@@ -150,7 +152,8 @@ fn objective(
             *active = (sum + row[inputs]).tanh();
         }
         back.fill(0.0);
-        let rows = weights.chunks_exact(neurons + 1).zip(weight_gradient.chunks_exact_mut(neurons + 1));
+        let rows =
+            weights.chunks_exact(neurons + 1).zip(weight_gradient.chunks_exact_mut(neurons + 1));
         for ((row, gradient), y) in rows.zip(y) {
             let sum: f64 = row.iter().zip(&active).map(|(c, a)| c * a).sum();
             let error = sum + row[neurons] - y;
@@ -169,7 +172,8 @@ fn objective(
             row[inputs] += slope;
         }
     }
-    value + penalise(hidden, inputs, alpha, hidden_gradient)
+    value
+        + penalise(hidden, inputs, alpha, hidden_gradient)
         + penalise(weights, neurons, alpha, weight_gradient)
 }
 

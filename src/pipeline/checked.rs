@@ -4,9 +4,10 @@ use std::fmt::Display;
 
 use super::recipe::surroundings::GroundRecipe;
 use super::recipe::{
-    BakeRecipe, DEFAULT_INPUTS, DEFAULT_OUTPUTS, DEFAULT_POSE_CLUSTERS, DEFAULT_RETAINED,
-    DEFAULT_SPHERES, FamilyName, FitRecipe, FrameName, OnName, ParametrisationName, PosesRecipe,
-    PrecisionName, Recipe, RidgeName, SignalName, TargetRecipe, VERSION,
+    BakeRecipe, DEFAULT_CLUSTER_RETAINED, DEFAULT_INPUTS, DEFAULT_OUTPUTS, DEFAULT_POSE_CLUSTERS,
+    DEFAULT_RETAINED, DEFAULT_SPHERES, FamilyName, FitRecipe, FrameName, OnName,
+    ParametrisationName, PosesRecipe, PrecisionName, Recipe, RidgeName, SignalName, TargetRecipe,
+    VERSION,
 };
 use crate::rig::ParametrisationKind;
 use crate::sh::Order;
@@ -167,6 +168,9 @@ fn checked_fit(fit: &FitRecipe, on: OnName) -> Result<fit::Settings, RecipeError
             Some((inputs, outputs)) => fit::Family::PcaRetaining { inputs, outputs },
             None => fit::Family::PcaLinear { inputs: inputs as usize, outputs: outputs as usize },
         },
+        FamilyName::ClusteredLinear => clustered(fit, model::Form::Linear)?,
+        FamilyName::ClusteredQuadratic => clustered(fit, model::Form::Quadratic)?,
+        FamilyName::ClusteredTanh => clustered(fit, model::Form::Tanh)?,
         FamilyName::Multilinear => fit::Family::Multilinear(multilinear(fit, inputs)?),
     };
     let ridge = match (fit.ridge, fit.alpha) {
@@ -200,6 +204,28 @@ fn occluders(fit: &FitRecipe) -> Result<(bool, Option<usize>), RecipeError> {
     let spheres = fit.spheres.unwrap_or(DEFAULT_SPHERES);
     require((1..=4096).contains(&spheres), "fit.spheres", spheres, "it must be 1 to 4096")?;
     Ok((fit.unshadowed.unwrap_or(occluder), occluder.then_some(spheres as usize)))
+}
+
+fn clustered(fit: &FitRecipe, form: model::Form) -> Result<fit::Family, RecipeError> {
+    for (field, count, most) in
+        [("fit.clusters", fit.clusters, 4096), ("fit.neurons", fit.neurons, 256)]
+    {
+        if let Some(count) = count {
+            require((1..=most).contains(&count), field, count, "it must be 1 or more, in reason")?;
+        }
+    }
+    let kept = |count: Option<u32>, share: Option<f64>, default: f64| match (count, share) {
+        (Some(count), _) => fit::Kept::Count(count as usize),
+        (None, share) => fit::Kept::Share(share.unwrap_or(default)),
+    };
+    retaining(fit)?;
+    Ok(fit::Family::Clustered(fit::ClusteredSizes {
+        form,
+        clusters: fit.clusters.map(|count| count as usize),
+        inputs: kept(fit.inputs, fit.retain_inputs, DEFAULT_RETAINED),
+        outputs: kept(fit.outputs, fit.retain_outputs, DEFAULT_CLUSTER_RETAINED),
+        neurons: fit.neurons.map(|count| count as usize),
+    }))
 }
 
 fn multilinear(fit: &FitRecipe, inputs: u32) -> Result<fit::MultilinearSizes, RecipeError> {

@@ -1,7 +1,7 @@
 //! The pose parameters of a fit, where they are not those that the data set stores: another
 //! parametrisation of the same poses needs no new bake.
 
-use super::recipe::Recipe;
+use super::recipe::{FamilyName, Recipe};
 use super::reference::job_for;
 use super::{Error, Job, job_of, recipe_of};
 use crate::dataset::{Dataset, Training};
@@ -15,7 +15,7 @@ pub(super) fn training<'a>(
     recipe: &Recipe,
 ) -> Result<(Training<'a>, RigHeader), Error> {
     let stored = recipe_of(dataset)?.poses.parametrisation;
-    let training = dataset.training()?;
+    let training = with_skin(dataset.training()?, dataset, recipe)?;
     match recipe.fit.parametrisation {
         Some(asked) if asked != stored => {
             let job = job_in(dataset, recipe)?;
@@ -31,6 +31,25 @@ pub(super) fn training<'a>(
         }
         _ => Ok((training, stored_rig(dataset)?)),
     }
+}
+
+/// Adds the skin weights where the family goes by them.
+fn with_skin<'a>(
+    training: Training<'a>,
+    dataset: &Dataset,
+    recipe: &Recipe,
+) -> Result<Training<'a>, Error> {
+    use FamilyName::{ClusteredLinear, ClusteredQuadratic, ClusteredTanh};
+    if !matches!(recipe.fit.family, ClusteredLinear | ClusteredQuadratic | ClusteredTanh) {
+        return Ok(training);
+    }
+    let job = job_in(dataset, recipe)?;
+    let mesh = &job.scene.mesh;
+    let influences = |&vertex: &u32| {
+        let all = mesh.influences_of(vertex as usize).iter();
+        all.map(|i| (mesh.deformers[i.deformer as usize].node as u32, i.weight)).collect()
+    };
+    Ok(training.with_skin(job.poses.points.vertex.iter().map(influences).collect()))
 }
 
 /// The data set's own job, its poses encoded as the recipe's fit asks.

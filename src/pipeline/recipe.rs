@@ -3,7 +3,13 @@
 //! This is the raw form, as a user writes it; [`super::Checked`] is what runs. Every field may be
 //! left out and then takes the default given here, the one place where defaults live.
 
+mod fit;
 pub mod surroundings;
+
+pub use fit::{
+    DEFAULT_CLUSTER_RETAINED, DEFAULT_INPUTS, DEFAULT_OUTPUTS, DEFAULT_POSE_CLUSTERS,
+    DEFAULT_RETAINED, DEFAULT_SPHERES, FamilyName, FitRecipe, FrameName, RidgeName,
+};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -193,131 +199,6 @@ pub enum SignalName {
     Visibility,
     /// Spherical harmonics of V (n·ω)₊ / π: a dot product with a light gives shading.
     Transfer,
-}
-
-/// Pose dimensions of `pca-linear` where none are asked for (Nowrouzezahrai et al. 2007, §5: they
-/// hold 90 % of the variance of 54 joint angles).
-pub const DEFAULT_INPUTS: u32 = 8;
-
-/// Pose clusters of `multilinear` where none are asked for (Kirk and Arikan 2007, table 1).
-pub const DEFAULT_POSE_CLUSTERS: u32 = 10;
-
-/// Share of variance that `pca-linear` keeps where only the other side's is asked for (§5 again).
-pub const DEFAULT_RETAINED: f64 = 0.9;
-
-/// Spheres of `occluder` where none are asked for.
-pub const DEFAULT_SPHERES: u32 = 100;
-
-/// Output dimensions of `pca-linear` where none are asked for; likewise.
-pub const DEFAULT_OUTPUTS: u32 = 22;
-
-/// The model family and its sizes.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct FitRecipe {
-    /// The family.
-    pub family: FamilyName,
-    /// Pose dimensions that `pca-linear` keeps, 1 to 4096. When absent 8, or as many as the poses
-    /// have where that is fewer.
-    pub inputs: Option<u32>,
-    /// Output dimensions that `pca-linear` keeps, 1 to 4096. When absent 22, or as many as the data
-    /// have where that is fewer.
-    pub outputs: Option<u32>,
-    /// Instead of `inputs`: the share of the pose variance that `pca-linear` keeps, in (0, 1].
-    pub retain_inputs: Option<f64>,
-    /// Instead of `outputs`: the share of the signal's energy that `pca-linear` keeps, in (0, 1].
-    pub retain_outputs: Option<f64>,
-    /// Pose clusters of `multilinear`, 1 to 4096, 10 when absent; clusters of points of the
-    /// `clustered` families, when absent as many as the skin weights have.
-    pub clusters: Option<u32>,
-    /// Clusters of points that share coefficients in each pose cluster of `multilinear`; when
-    /// absent every point has its own.
-    pub point_clusters: Option<u32>,
-    /// Instead of `point_clusters`: as many as it takes for this distance of every point from the
-    /// mean of its cluster, root mean square in the units of the signal.
-    pub point_threshold: Option<f64>,
-    /// `multilinear` without intercepts, as Kirk and Arikan print it.
-    pub published: bool,
-    /// Exponent of the blend of `multilinear`, 0 to 100.
-    pub blend_exponent: f64,
-    /// How a pose becomes numbers, where it is not `poses.parametrisation`: needs no new bake.
-    pub parametrisation: Option<ParametrisationName>,
-    /// Whether the model leaves the unshadowed signal of the posed normal to whoever evaluates it,
-    /// and learns only what occlusion takes away. When absent, true for `occluder` and false else.
-    pub unshadowed: Option<bool>,
-    /// Spheres on the bones of `occluder`, 1 to 4096. When absent 100; at least one for every bone.
-    pub spheres: Option<u32>,
-    /// The frame in which coefficients are modelled.
-    pub frame: FrameName,
-    /// How the regularisation is chosen.
-    pub ridge: RidgeName,
-    /// The regularisation α where `ridge` is `fixed`.
-    pub alpha: Option<f64>,
-    /// Seed of randomised algorithms.
-    pub seed: u64,
-}
-
-impl Default for FitRecipe {
-    fn default() -> Self {
-        Self {
-            family: FamilyName::PcaLinear,
-            inputs: None,
-            outputs: None,
-            retain_inputs: None,
-            retain_outputs: None,
-            clusters: None,
-            point_clusters: None,
-            point_threshold: None,
-            published: false,
-            blend_exponent: 10.0,
-            parametrisation: None,
-            unshadowed: None,
-            spheres: None,
-            frame: FrameName::Bone,
-            ridge: RidgeName::LeaveOneClipOut,
-            alpha: None,
-            seed: 1,
-        }
-    }
-}
-
-/// The model families by name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum FamilyName {
-    /// The mean over training poses.
-    Mean,
-    /// Linear in all pose parameters.
-    Linear,
-    /// Linear between principal components of poses and of signals.
-    PcaLinear,
-    /// Linear around each of several poses, blended (Kirk and Arikan 2007).
-    Multilinear,
-    /// What spheres on the bones block, weighted at each vertex, about a mean; evaluation needs the
-    /// posed mesh.
-    Occluder,
-}
-
-/// Frames of coefficients by name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum FrameName {
-    /// The character's root.
-    Root,
-    /// Each vertex's dominant bone.
-    Bone,
-}
-
-/// Ways to choose the regularisation.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum RidgeName {
-    /// Least error on poses left out one at a time.
-    LeaveOneOut,
-    /// Least error on clips left out one at a time; with one clip, on its contiguous quarters.
-    LeaveOneClipOut,
-    /// `alpha`.
-    Fixed,
 }
 
 /// What the model is for, and how its error is proven.

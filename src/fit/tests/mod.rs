@@ -4,6 +4,7 @@ mod edges;
 mod families;
 mod frames;
 mod left_out;
+mod local;
 
 use glam::Quat;
 
@@ -99,7 +100,8 @@ fn predict(fitted: &Fitted, x: &[f32], coefficients: usize) -> Vec<f64> {
             };
             basis.chunks_exact(outputs).flat_map(point).collect()
         }
-        Decoder::Multilinear(_) | Decoder::Clustered(_) => panic!("tested by evaluation"),
+        Decoder::Multilinear(m) => local::multilinear(m, x, coefficients),
+        Decoder::Clustered(c) => local::clustered(c, &fitted.training.centre, x, coefficients),
     }
 }
 
