@@ -43,7 +43,7 @@ fuzz: setup
 
 test: setup $(VENV)/ready
 	$(CARGO) fmt --check
-	$(CARGO) metadata --locked --format-version 1 --manifest-path tests/fuzz/Cargo.toml > /dev/null
+	$(CARGO) update --workspace --locked --quiet --manifest-path tests/fuzz/Cargo.toml
 	$(CARGO) clippy --locked --all-targets -- -D warnings
 	$(CARGO) clippy --locked --lib --no-default-features --features runtime -- -D warnings
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --locked --no-deps
