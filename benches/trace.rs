@@ -180,7 +180,9 @@ fn compare(baker: &Baker, bare: &Bare, posed: &[Deformed], width: Width) {
     let [speed, inside, busy] = ratios.map(|r| 100.0 * median(r));
     println!("| baker against the bare loop | median of {} |\n|---|---|", 2 * ROUNDS);
     println!("| rays per second of the best bare loop's | {speed:.1} % |");
-    println!("| wall time that the bare loop spends inside the library | {inside:.1} % |");
+    println!(
+        "| of its wall time inside the library (the time that the bare loop is inside) | {inside:.1} % |"
+    );
     println!("| threads running or ready to run | {busy:.1} % |\n");
 }
 
