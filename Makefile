@@ -32,6 +32,7 @@ CHARACTERS ?= $(DEMO)
 ASSET_FLAGS ?= --rays 64
 bench: setup
 	$(CARGO) bench --locked --bench trace
+	$(CARGO) bench --locked --bench transport
 	$(CARGO) bench --locked --bench evaluate
 	$(CARGO) bench --locked --bench fit
 	$(CARGO) run --release --locked -- sample figure -o $(DEMO)/figure.glb

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use crate::rig::Points;
 use crate::trace::Device;
 
+use super::adaptive::Adaptive;
 use super::bounce::{Bounces, MOST_ROW_BYTES};
 use super::kernel::{Scratch, bake_point};
 use super::plan::Plan;
@@ -26,12 +27,16 @@ const POINTS_PER_WAVE: usize = 1 << 14;
 /// Bytes that the tracer needs per triangle and per vertex, measured with margin.
 const SCENE_BYTES_PER_TRIANGLE: u64 = 400;
 
+/// Points of a trial of how many rays a stated noise takes.
+const TRIAL_POINTS: usize = 512;
+
 /// Bakes poses of one mesh.
 #[derive(Debug)]
 pub struct Baker {
     stage: Stage,
     plan: Plan,
     reflectance: Option<Reflectance>,
+    adaptive: Option<Adaptive>,
     /// What a pose's hits may take before each bounce traces anew.
     pub(super) most_row_bytes: u64,
 }
@@ -41,6 +46,8 @@ pub struct Baker {
 pub struct Calibration {
     /// All threads together.
     pub rays_per_s: f64,
+    /// The mean over the points of the trial.
+    pub rays_per_point: f64,
     /// One thread, one pose: check, scale and build, seconds.
     pub prepare_s: f64,
 }
@@ -75,7 +82,8 @@ impl Baker {
             surroundings: Surroundings::default(),
             max_distance_m: plan.max_distance_m,
         };
-        Ok(Self { stage, plan, reflectance: None, most_row_bytes: MOST_ROW_BYTES })
+        let (reflectance, adaptive) = (None, None);
+        Ok(Self { stage, plan, reflectance, adaptive, most_row_bytes: MOST_ROW_BYTES })
     }
 
     /// The same within surroundings.
@@ -102,13 +110,28 @@ impl Baker {
         Ok(self)
     }
 
+    /// The same with as many rays at each point as it takes for a standard error of `target`, in the
+    /// unit of [`BakedPose::noise`], and at most `settings.rays`, to which a pilot of 48 adds.
+    /// `settings` are those of [`Self::new`]; call this last.
+    ///
+    /// # Errors
+    /// A target that is not positive, or bounces.
+    pub fn to_noise(mut self, target: f32, settings: &Settings) -> Result<Self, Error> {
+        if self.reflectance.is_some() {
+            return Err(Error::NoiseOfBounces);
+        }
+        let falloff = self.plan.falloff;
+        self.adaptive = Some(Adaptive::new(target, settings, falloff, &self.stage)?);
+        Ok(self)
+    }
+
     /// How many points each pose has.
     #[must_use]
     pub fn points(&self) -> usize {
         self.stage.points.vertex.len()
     }
 
-    /// How many rays each point of each pose gets.
+    /// How many rays each point of each pose gets; the most, where that is a matter of noise.
     #[must_use]
     pub fn rays_per_point(&self) -> usize {
         self.plan.rays()
@@ -129,9 +152,14 @@ impl Baker {
         let mut baked = Vec::with_capacity(poses.len());
         for (index, wave_poses) in poses.chunks(wave).enumerate() {
             let posed = self.prepare(wave_poses, index * wave, cancelled)?;
-            match &self.reflectance {
-                None => baked.extend(self.trace(&posed, cancelled)?),
-                Some(reflectance) => {
+            match (&self.adaptive, &self.reflectance) {
+                (None, None) => baked.extend(self.trace(&posed, cancelled)?),
+                (Some(adaptive), _) => {
+                    for posed in &posed {
+                        baked.push(adaptive.bake(posed, cancelled)?);
+                    }
+                }
+                (None, Some(reflectance)) => {
                     for (posed, mesh) in posed.iter().zip(wave_poses) {
                         let (plan, stage, normals) = (&self.plan, &self.stage, mesh.normals);
                         let most_row_bytes = self.most_row_bytes;
@@ -170,7 +198,8 @@ impl Baker {
             * 4
             * (4 * self.plan.directions.directions() as u64
                 + self.plan.blocks as u64 * coefficients);
-        self.plan.memory_bytes() + in_flight * per_pose + result + scratch
+        let ladder = self.adaptive.as_ref().map_or(0, Adaptive::memory_bytes);
+        self.plan.memory_bytes() + ladder + in_flight * per_pose + result + scratch
     }
 
     /// Bakes as many points of a pose as fit in `budget_s` seconds or so, evenly spread, and says
@@ -183,7 +212,8 @@ impl Baker {
         let mut posed = self.prepare(std::slice::from_ref(pose), 0, &AtomicBool::new(false))?;
         let prepare_s = start.elapsed().as_secs_f64();
         let Some(posed) = posed.pop().filter(|_| self.points() > 0) else {
-            return Ok(Calibration { rays_per_s: f64::INFINITY, prepare_s });
+            let rays_per_point = self.plan.rays() as f64;
+            return Ok(Calibration { rays_per_s: f64::INFINITY, rays_per_point, prepare_s });
         };
         let threads = rayon::current_num_threads();
         let start = Instant::now();
@@ -208,8 +238,12 @@ impl Baker {
         })
         .into_iter()
         .sum();
-        let rays = (baked * self.plan.rays()) as f64;
-        Ok(Calibration { rays_per_s: rays / start.elapsed().as_secs_f64(), prepare_s })
+        let rays_per_s = (baked * self.plan.rays()) as f64 / start.elapsed().as_secs_f64();
+        let rays_per_point = match &self.adaptive {
+            Some(adaptive) => adaptive.rays_per_point(&posed, TRIAL_POINTS),
+            None => self.plan.rays() as f64,
+        };
+        Ok(Calibration { rays_per_s, rays_per_point, prepare_s })
     }
 
     /// At least one pose per thread: scenes are built one per thread at a time.

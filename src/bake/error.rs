@@ -40,6 +40,15 @@ pub enum Error {
     /// A fall-off without what it needs.
     #[error("a fall-off needs the signal ao and a maximum distance over which to fall")]
     FalloffOf,
+    /// The target noise is not a positive number.
+    #[error("a noise of {found} is not to be had; choose a positive standard error, such as 0.01")]
+    Noise {
+        /// What was asked for.
+        found: f32,
+    },
+    /// A target noise for bounces, whose noise depends on other points.
+    #[error("a target noise cannot be stated for bounces; state a number of rays")]
+    NoiseOfBounces,
     /// Bounces out of range.
     #[error("{found} bounces cannot be baked; choose 1 to {most}", most = super::MOST_BOUNCES)]
     Bounces {

@@ -50,28 +50,44 @@ pub(super) fn bake_point(
     posed: &Posed,
     point: usize,
     scratch: &mut Scratch,
+    sink: Option<&mut Sink<'_>>,
+    out: &mut [f32],
+) -> f32 {
+    bake_blocks(plan, posed, (point, plan.blocks), scratch, sink, out)
+}
+
+/// As [`bake_point`] with another number of blocks than the plan's.
+pub(super) fn bake_blocks(
+    plan: &Plan,
+    posed: &Posed,
+    (point, blocks): (usize, usize),
+    scratch: &mut Scratch,
     mut sink: Option<&mut Sink<'_>>,
     out: &mut [f32],
 ) -> f32 {
+    let count = plan.coefficients;
+    if scratch.blocks.len() < blocks * count {
+        scratch.blocks.resize(blocks * count, 0.0);
+    }
     let mut half_squares = 0.0;
-    for block in 0..plan.blocks {
+    for block in 0..blocks {
         half_squares += trace_block(plan, posed, point, block, scratch, sink.as_deref_mut());
     }
-    let count = plan.coefficients;
+    let found = &scratch.blocks[..blocks * count];
     let mean = &mut [0.0; MAX_COEFFICIENTS][..count];
-    for block in scratch.blocks.chunks_exact(count) {
+    for block in found.chunks_exact(count) {
         mean.iter_mut().zip(block).for_each(|(mean, value)| *mean += value);
     }
-    mean.iter_mut().for_each(|mean| *mean /= plan.blocks as f32);
+    mean.iter_mut().for_each(|mean| *mean /= blocks as f32);
     let mut block_squares = 0.0;
-    for block in scratch.blocks.chunks_exact(count) {
+    for block in found.chunks_exact(count) {
         let square = |(mean, value): (&f32, &f32)| f64::from(value - mean).powi(2);
         block_squares += mean.iter().zip(block).map(square).sum::<f64>();
     }
     plan.unoccluded(posed.normals[point], out);
     out.iter_mut().zip(mean).for_each(|(out, blocked)| *out -= *blocked);
     // Batches are block mean ± half difference, so Σ (batch − mean)² falls into these two.
-    let batches = 2.0 * plan.blocks as f64;
+    let batches = 2.0 * blocks as f64;
     let variance = 2.0 * (half_squares + block_squares) / (batches * (batches - 1.0));
     (variance / count as f64).sqrt() as f32
 }

@@ -11,6 +11,7 @@
 //! *Invariant:* only what is blocked is estimated; the unoccluded part is analytic. So a point
 //! that nothing blocks is exact, and its noise is 0.
 
+mod adaptive;
 mod baker;
 mod bounce;
 mod error;
@@ -23,6 +24,7 @@ mod seen;
 mod sums;
 mod surroundings;
 
+pub use adaptive::gain;
 pub use baker::{Baker, Calibration};
 pub use bounce::{MOST_BOUNCES, Reflectance};
 pub use error::Error;

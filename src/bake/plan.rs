@@ -39,7 +39,7 @@ pub(super) struct Plan {
     /// the blocked ones of a half estimates what they take away. Empty for ambient occlusion.
     pub(super) rows: Vec<Rows>,
     /// Zonal coefficients of unoccluded transfer about the normal.
-    unshadowed: [f32; MAX_BANDS],
+    pub(super) unshadowed: [f32; MAX_BANDS],
 }
 
 impl Plan {

@@ -130,9 +130,12 @@ pub(crate) struct BakeFlags {
     /// Order of the spherical harmonics, 1 to 10 [default: 6].
     #[arg(long, value_name = "N")]
     order: Option<u8>,
-    /// Rays per vertex and pose [default: 500].
+    /// Rays per vertex and pose; with --noise the most [default: 500; with --noise 16384].
     #[arg(long, value_name = "N")]
     rays: Option<u32>,
+    /// As many rays at each vertex as it takes for this standard error of a coefficient.
+    #[arg(long, value_name = "ERROR")]
+    noise: Option<f32>,
     /// Metres beyond which nothing occludes; unbounded when absent.
     #[arg(long, value_name = "METRES")]
     max_distance: Option<f32>,
@@ -275,7 +278,10 @@ impl BakeFlags {
         let bake = &mut recipe.bake;
         set(&mut bake.signal, self.signal);
         set(&mut bake.order, self.order);
-        set(&mut bake.rays, self.rays);
+        // A recipe that states a noise has its own most.
+        let most = self.noise.filter(|_| bake.noise.is_none()).map(|_| 16_384_u32);
+        set(&mut bake.rays, self.rays.or(most));
+        bake.noise = self.noise.or(bake.noise);
         set(&mut bake.seed, self.seed);
         set(&mut bake.bounces, self.bounces);
         bake.albedo = self.albedo.or(bake.albedo);

@@ -37,7 +37,7 @@ pub fn bake(job: &Job, path: &Path, watch: &Watch) -> Result<Baked, Error> {
     let mut writer = Writer::open(path, &header, &describe::tables(job))?;
     let missing = writer.missing_blocks();
     let layout = *writer.layout();
-    let baker = job.baker(&job.checked.bake)?;
+    let baker = job.baker(&job.checked.bake, job.checked.noise)?;
     let mut tally = Tally::new(&layout, &missing);
     tally.tell(watch);
 

@@ -32,6 +32,8 @@ pub struct Checked {
     pub poses: pose::Settings,
     /// For [`bake::Baker`].
     pub bake: bake::Settings,
+    /// The standard error that sets the number of rays.
+    pub noise: Option<f32>,
     /// For [`fit::fit`].
     pub fit: fit::Settings,
     /// How the model is stored.
@@ -66,6 +68,7 @@ impl Checked {
         Ok(Self {
             poses: checked_poses(&recipe.poses)?,
             bake: checked_bake(&recipe.bake)?,
+            noise: checked_noise(&recipe.bake)?,
             fit: checked_fit(&recipe.fit, recipe.target.on)?,
             precision: precision(recipe.output.precision),
             reference: checked_reference(&recipe.target)?,
@@ -118,6 +121,16 @@ fn checked_bake(recipe: &BakeRecipe) -> Result<bake::Settings, RecipeError> {
         max_distance_m: recipe.max_distance_m,
         seed: recipe.seed,
     })
+}
+
+fn checked_noise(recipe: &BakeRecipe) -> Result<Option<f32>, RecipeError> {
+    if let Some(noise) = recipe.noise {
+        let sound = noise.is_finite() && noise > 0.0;
+        require(sound, "bake.noise", noise, "it must be a positive standard error")?;
+        let expected = "with bounces the rays must be stated, not their noise";
+        require(recipe.bounces == 0, "bake.noise", noise, expected)?;
+    }
+    Ok(recipe.noise)
 }
 
 fn checked_bounces(recipe: &BakeRecipe) -> Result<(), RecipeError> {
@@ -353,6 +366,8 @@ mod tests {
         assert_eq!(fault(ao), "bake.bounces");
         assert_eq!(fault(|r| r.bake.albedo = Some(0.5)), "bake.albedo");
         assert_eq!(fault(|r| (r.bake.bounces, r.bake.albedo) = (1, Some(1.5))), "bake.albedo");
+        assert_eq!(fault(|r| r.bake.noise = Some(0.0)), "bake.noise");
+        assert_eq!(fault(|r| (r.bake.noise, r.bake.bounces) = (Some(0.1), 1)), "bake.noise");
         let around = "bake.surroundings.ground";
         let nowhere = Some(GroundRecipe::HeightM(f32::NAN));
         assert_eq!(fault(|r| r.bake.surroundings.ground = nowhere), around);

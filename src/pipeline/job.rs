@@ -128,16 +128,17 @@ impl Job {
         out
     }
 
-    /// What bakes the job's poses with these settings.
+    /// What bakes the job's poses with these settings, and to a noise where one is given.
     ///
     /// # Errors
     /// What [`Baker::new`] and [`Baker::within`] object to.
-    pub fn baker(&self, settings: &bake::Settings) -> Result<Baker, Error> {
+    pub fn baker(&self, settings: &bake::Settings, noise: Option<f32>) -> Result<Baker, Error> {
         let (triangles, points) = self.occluders.with(&self.scene.mesh, &self.poses.points);
         let baker = Baker::new(&triangles, &points, settings)?.within(self.surroundings.clone())?;
-        match &self.reflectance {
-            None => Ok(baker),
-            Some(reflectance) => Ok(baker.reflecting(reflectance.clone())?),
+        match (&self.reflectance, noise) {
+            (None, None) => Ok(baker),
+            (Some(reflectance), _) => Ok(baker.reflecting(reflectance.clone())?),
+            (None, Some(noise)) => Ok(baker.to_noise(noise, settings)?),
         }
     }
 

@@ -33,11 +33,12 @@ const CALIBRATION_S: f64 = 0.5;
 /// What the stages object to.
 pub fn plan(job: &Job) -> Result<Plan, Error> {
     let layout = describe::header(job)?.layout;
-    let baker = job.baker(&job.checked.bake)?;
+    let baker = job.baker(&job.checked.bake, job.checked.noise)?;
     let first = job.traced(0);
     let posed = super::bake::posed(job, 0, &first);
     let calibration = baker.calibrate(&posed, CALIBRATION_S)?;
-    let rays = layout.poses as u64 * layout.points as u64 * baker.rays_per_point() as u64;
+    let points = layout.poses as f64 * layout.points as f64;
+    let rays = (points * calibration.rays_per_point).round() as u64;
     let mesh = &job.scene.mesh;
     let pose_bytes = layout.points as u64 * (layout.row() as u64 + 2) * 4;
     let block_bytes = pose_bytes * layout.block_poses as u64;

@@ -148,8 +148,11 @@ pub struct BakeRecipe {
     /// Order of the spherical harmonics, 1 to 10: n² coefficients. Ambient occlusion has one
     /// number whatever the order.
     pub order: u8,
-    /// Rays per point and pose, 1 to 1,000,000.
+    /// Rays per point and pose, 1 to 1,000,000; with `noise` the most.
     pub rays: u32,
+    /// As many rays at each point and pose as it takes for this standard error of a coefficient.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise: Option<f32>,
     /// Metres beyond which nothing occludes; unbounded when absent.
     pub max_distance_m: Option<f32>,
     /// Seed of all directions.
@@ -180,6 +183,7 @@ impl Default for BakeRecipe {
             signal: SignalName::Transfer,
             order: 6,
             rays: 500,
+            noise: None,
             max_distance_m: None,
             seed: 1,
             bounces: 0,

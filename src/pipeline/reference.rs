@@ -6,7 +6,7 @@ use std::time::Instant;
 use super::bake::bake_poses;
 use super::progress::{Progress, Stage, Watch};
 use super::recipe::Recipe;
-use super::{Checked, Error, Job, ReferenceSettings, hash, job, recipe_of, subset, surroundings};
+use super::{Error, Job, ReferenceSettings, hash, job, recipe_of, subset, surroundings};
 use crate::bake::{self, Baker};
 use crate::dataset::{Dataset, Reference, ReferenceHeader, ReferencePose};
 use crate::num::random;
@@ -48,7 +48,7 @@ pub fn bake_reference(
     let mut rays = 0;
     if !missing.is_empty() {
         let job = job_of(dataset)?;
-        let bakers = header.seeds.map(|seed| baker(&job, rays_per_point, seed));
+        let bakers = header.seeds.map(|seed| baker(&job, rays_per_point, settings.factor, seed));
         let [first, second] = bakers;
         let bakers = [first?, second?];
         let total = 2 * poses as u64;
@@ -108,9 +108,11 @@ fn header(dataset: &Dataset, settings: ReferenceSettings) -> Result<ReferenceHea
     Ok(ReferenceHeader { poses: chosen, rays, seeds, hash })
 }
 
-fn baker(job: &Job, rays: u32, seed: u64) -> Result<Baker, Error> {
-    let settings = bake::Settings { rays, seed, ..Checked::new(&job.recipe)?.bake };
-    job.baker(&settings)
+/// Where the bake has a target noise, the reference's is what so many times the rays give.
+fn baker(job: &Job, rays: u32, factor: u32, seed: u64) -> Result<Baker, Error> {
+    let settings = bake::Settings { rays, seed, ..job.checked.bake };
+    let noise = job.checked.noise.map(|noise| noise / bake::gain(factor));
+    job.baker(&settings, noise)
 }
 
 fn bake_one(

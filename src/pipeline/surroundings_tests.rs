@@ -89,7 +89,7 @@ fn occluders_survive_the_data_set() {
     let dataset = Dataset::open(&path).unwrap();
     bake_reference(&dataset, job.checked.reference, &watch).unwrap();
     let mean = |job: &Job| {
-        let baker = job.baker(&job.checked.bake).unwrap();
+        let baker = job.baker(&job.checked.bake, None).unwrap();
         let posed = job.traced(0);
         let mesh = bake::posed(job, 0, &posed);
         let ao = baker.bake(&[mesh], &stop).unwrap().swap_remove(0).coefficients;

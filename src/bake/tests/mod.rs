@@ -1,5 +1,6 @@
 //! Analytic truth, statistics with stated significance, byte identity, hostile input.
 
+mod adaptive;
 mod analytic;
 mod bounces;
 mod hostile;

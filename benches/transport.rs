@@ -1,0 +1,187 @@
+//! `cargo bench --bench transport`: what light between surfaces costs, and what rays buy.
+//!
+//! Bounces: wall time of a bake of one to three bounces over the direct one's, same poses, taken
+//! in turns. Rays: the error of ambient occlusion against a bake of 32,768 rays over the number of
+//! rays, beside plain random rays (whose error follows from the share p that is blocked: p(1−p)/n)
+//! and beside rays that adapt to a stated noise. A character of the asset folder where there is
+//! one, else the bundled figure.
+
+#![expect(clippy::print_stdout, reason = "a benchmark prints its tables")]
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use poselight::bake::{BakedPose, Baker, PosedMesh, Reflectance, Settings, Signal};
+use poselight::pose::{self, PoseSet};
+use poselight::rig::{self, Deformed};
+use poselight::scene::{self, Limits, Scene, Surface, figure};
+use poselight::sh::Order;
+
+/// Poses of each measurement.
+const POSES: usize = 4;
+
+/// Times that times are taken.
+const ROUNDS: usize = 5;
+
+fn main() {
+    let (name, scene) = character();
+    let set = pose::sample(&scene, &pose::Settings::default()).unwrap();
+    let all = set.samples.len();
+    let posed: Vec<Deformed> =
+        (0..POSES).map(|i| deformed(&scene, &set, i * all / POSES)).collect();
+    println!(
+        "{name}: {} points, {} triangles, {POSES} poses, {} threads\n",
+        set.points.count(),
+        scene.mesh.triangles.len(),
+        rayon::current_num_threads()
+    );
+    let stage = Stage { scene: &scene, set: &set, posed: &posed };
+    stage.bounces();
+    stage.rays();
+}
+
+struct Stage<'a> {
+    scene: &'a Scene,
+    set: &'a PoseSet,
+    posed: &'a [Deformed],
+}
+
+impl Stage<'_> {
+    fn baker(&self, signal: Signal, rays: u32, seed: u64) -> Baker {
+        let settings = settings(signal, rays, seed);
+        Baker::new(&self.scene.mesh.triangles, &self.set.points, &settings).unwrap()
+    }
+
+    fn bake(&self, baker: &Baker) -> Vec<BakedPose> {
+        let mesh = |(i, d): (usize, &Deformed)| -> PosedMesh<'_> {
+            let (positions, normals) = (d.positions.as_slice(), d.normals.as_slice());
+            PosedMesh { positions, normals, clip_key: 1, time_s: i as f32 }
+        };
+        let meshes: Vec<PosedMesh<'_>> = self.posed.iter().enumerate().map(mesh).collect();
+        baker.bake(&meshes, &AtomicBool::new(false)).unwrap()
+    }
+
+    fn bounces(&self) {
+        let triangles = self.scene.mesh.triangles.len();
+        let reflecting = |bounces, albedo: [f32; 3], channels| {
+            let surface = Arc::new(Surface::plain(albedo, triangles));
+            let reflectance = Reflectance { bounces, channels, surface };
+            self.baker(Signal::Transfer, 500, 1).reflecting(reflectance).unwrap()
+        };
+        let direct = self.baker(Signal::Transfer, 500, 1);
+        println!(
+            "| bounces, 500 rays, order 6 | channels | time over the direct bake's |\n|---|---|---|"
+        );
+        for (bounces, albedo, channels) in
+            [(1, [0.5; 3], 1), (3, [0.5; 3], 1), (3, [0.7, 0.5, 0.3], 3)]
+        {
+            let bounced = reflecting(bounces, albedo, channels);
+            let ratio = || {
+                let times = [&direct, &bounced].map(|baker| {
+                    let start = Instant::now();
+                    std::hint::black_box(self.bake(baker));
+                    start.elapsed().as_secs_f64()
+                });
+                times[1] / times[0]
+            };
+            let ratios = (0..ROUNDS).map(|_| ratio()).collect();
+            println!("| {bounces} | {channels} | {:.2} |", median(ratios));
+        }
+        println!();
+    }
+
+    fn rays(&self) {
+        let truth = self.bake(&self.baker(Signal::Ao, 32_768, 99));
+        let random = |rays: f64| {
+            let variance = |ao: f32| f64::from(ao) * f64::from(1.0 - ao) / rays;
+            let all = truth.iter().flat_map(|pose| &pose.coefficients);
+            (all.clone().map(|&ao| variance(ao)).sum::<f64>() / all.count() as f64).sqrt()
+        };
+        println!(
+            "| rays per point | RMSE of ambient occlusion | claimed | random rays' RMSE | random rays for the same |\n|---|---|---|---|---|"
+        );
+        let mut table = Vec::new();
+        for rays in [32, 64, 128, 256, 512, 1024, 2048] {
+            let baked = self.bake(&self.baker(Signal::Ao, rays, 1));
+            let (error, claimed) = (rmse(&baked, &truth), claimed(&baked));
+            let rays = f64::from(rays);
+            let same = rays * (random(rays) / error).powi(2);
+            println!("| {rays} | {error:.5} | {claimed:.5} | {:.5} | {same:.0} |", random(rays));
+            table.push((rays, error));
+        }
+        let (first, last) = (table[0], table[table.len() - 1]);
+        let slope = (last.1 / first.1).ln() / (last.0 / first.0).ln();
+        println!("\nThe error falls as rays to the power of {slope:.2}.");
+        let needed = interpolate(&table, random(512.0));
+        println!("The RMSE of 512 random rays takes {needed:.0} rays, {:.0} %.\n", needed / 5.12);
+        println!(
+            "| stated noise | RMSE | claimed | rays per point, pilot included | uniform rays for the same RMSE | share |\n|---|---|---|---|---|---|"
+        );
+        for noise in [0.02, 0.01, 0.005, 0.0025] {
+            let settings = settings(Signal::Ao, 16_384, 1);
+            let baker = self.baker(Signal::Ao, 16_384, 1).to_noise(noise, &settings).unwrap();
+            let baked = self.bake(&baker);
+            let counts = baked.iter().flat_map(|pose| &pose.rays);
+            let spent = counts.clone().map(|&n| f64::from(n)).sum::<f64>() / counts.count() as f64;
+            let error = rmse(&baked, &truth);
+            let uniform = interpolate(&table, error);
+            println!(
+                "| {noise} | {error:.5} | {:.5} | {spent:.0} | {uniform:.0} | {:.0} % |",
+                claimed(&baked),
+                100.0 * spent / uniform
+            );
+        }
+    }
+}
+
+fn settings(signal: Signal, rays: u32, seed: u64) -> Settings {
+    Settings { signal, order: Order::new(6).unwrap(), rays, max_distance_m: None, seed }
+}
+
+/// Rays at which the table has this error, along straight lines between logarithms.
+fn interpolate(table: &[(f64, f64)], error: f64) -> f64 {
+    let at = table.iter().position(|&(_, e)| e <= error).unwrap_or(table.len() - 1).max(1);
+    let [(r0, e0), (r1, e1)] = [table[at - 1], table[at]].map(|(r, e)| (r.ln(), e.ln()));
+    (r0 + (error.ln() - e0) / (e1 - e0) * (r1 - r0)).exp()
+}
+
+fn rmse(baked: &[BakedPose], truth: &[BakedPose]) -> f64 {
+    let values = |poses: &[BakedPose]| -> Vec<f64> {
+        poses.iter().flat_map(|pose| &pose.coefficients).map(|&v| f64::from(v)).collect()
+    };
+    let (a, b) = (values(baked), values(truth));
+    (a.iter().zip(&b).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / a.len() as f64).sqrt()
+}
+
+fn claimed(baked: &[BakedPose]) -> f64 {
+    let all: Vec<f64> =
+        baked.iter().flat_map(|pose| &pose.noise).map(|&n| f64::from(n).powi(2)).collect();
+    (all.iter().sum::<f64>() / all.len() as f64).sqrt()
+}
+
+fn character() -> (String, Scene) {
+    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/assets");
+    let assets = std::env::var_os("POSELIGHT_ASSETS").map_or(PathBuf::from(beside), PathBuf::from);
+    let path = assets.join("rigged/MH_Male_CMU02.glb");
+    if path.exists() {
+        return ("MH_Male_CMU02.glb".into(), scene::import(&path, &Limits::default()).unwrap());
+    }
+    let source = scene::Source { name: "figure.glb".into(), bytes: figure::figure() };
+    let scene = scene::import_sources(vec![source], &Limits::default()).unwrap();
+    ("the bundled figure".into(), scene)
+}
+
+fn deformed(scene: &Scene, set: &PoseSet, index: usize) -> Deformed {
+    let sample = &set.samples[index];
+    let globals = scene.skeleton.globals(&sample.pose.local);
+    let mut out = Deformed::default();
+    rig::deform(&scene.mesh, &globals, &sample.pose.weights, sample.root, &mut out);
+    out
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    values[values.len() / 2]
+}
