@@ -55,12 +55,13 @@ impl Stage<'_> {
     }
 
     fn bake(&self, baker: &Baker) -> Vec<BakedPose> {
-        let mesh = |(i, d): (usize, &Deformed)| -> PosedMesh<'_> {
-            let (positions, normals) = (d.positions.as_slice(), d.normals.as_slice());
-            PosedMesh { positions, normals, clip_key: 1, time_s: i as f32 }
-        };
-        let meshes: Vec<PosedMesh<'_>> = self.posed.iter().enumerate().map(mesh).collect();
+        let meshes: Vec<PosedMesh<'_>> = (0..self.posed.len()).map(|i| self.mesh(i)).collect();
         baker.bake(&meshes, &AtomicBool::new(false)).unwrap()
+    }
+
+    fn mesh(&self, index: usize) -> PosedMesh<'_> {
+        let Deformed { positions, normals } = &self.posed[index];
+        PosedMesh { positions, normals, clip_key: 1, time_s: index as f32 }
     }
 
     fn bounces(&self) {

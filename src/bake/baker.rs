@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
+use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::rig::Points;
@@ -11,11 +12,12 @@ use crate::trace::Device;
 use super::adaptive::Adaptive;
 use super::bounce::{Bounces, MOST_ROW_BYTES};
 use super::kernel::{Scratch, bake_point};
+use super::least_squares::LeastSquares;
 use super::plan::Plan;
 use super::posed::{Posed, Stage};
 use super::seen::Sink;
 use super::surroundings::{NO_POINT, Surroundings, Trees};
-use super::{BakedPose, Error, PosedMesh, Reflectance, Settings, Signal};
+use super::{BakedPose, Error, MOST_SITES, PosedMesh, Reflectance, Settings, Signal, sites};
 
 /// Rays per task: a few milliseconds, so that cores end together and cancelling is prompt.
 const RAYS_PER_TASK: usize = 1 << 14;
@@ -80,6 +82,7 @@ impl Baker {
             points: points.clone(),
             trees: Trees::one(triangles),
             surroundings: Surroundings::default(),
+            fit: None,
             max_distance_m: plan.max_distance_m,
         };
         let (reflectance, adaptive) = (None, None);
@@ -110,6 +113,24 @@ impl Baker {
         Ok(self)
     }
 
+    /// The same for vertices fitted to samples all over the surface: `per_point` places for each
+    /// point in the mean, by the areas of the mesh at `positions`, each with the settings' rays.
+    /// Call it after [`Self::within`].
+    ///
+    /// # Errors
+    /// Samples out of range, no surface, or a baker of bounces or of a target noise.
+    pub fn fitted(mut self, positions: &[Vec3], per_point: u32) -> Result<Self, Error> {
+        if self.reflectance.is_some() || self.adaptive.is_some() {
+            return Err(Error::FitOf);
+        }
+        if !(1..=MOST_SITES).contains(&per_point) {
+            return Err(Error::Sites { found: per_point });
+        }
+        let sites = sites::spread(&self.stage, positions, per_point);
+        self.stage.fit = Some(LeastSquares::new(&self.stage, positions, sites)?);
+        Ok(self)
+    }
+
     /// The same with as many rays at each point as it takes for a standard error of `target`, in the
     /// unit of [`BakedPose::noise`], and at most `settings.rays`, to which a pilot of 48 adds.
     /// `settings` are those of [`Self::new`]; call this last.
@@ -117,6 +138,9 @@ impl Baker {
     /// # Errors
     /// A target that is not positive, or bounces.
     pub fn to_noise(mut self, target: f32, settings: &Settings) -> Result<Self, Error> {
+        if self.stage.fit.is_some() {
+            return Err(Error::FitOf);
+        }
         if self.reflectance.is_some() {
             return Err(Error::NoiseOfBounces);
         }
@@ -153,7 +177,10 @@ impl Baker {
         for (index, wave_poses) in poses.chunks(wave).enumerate() {
             let posed = self.prepare(wave_poses, index * wave, cancelled)?;
             match (&self.adaptive, &self.reflectance) {
-                (None, None) => baked.extend(self.trace(&posed, cancelled)?),
+                (None, None) => {
+                    let traced = self.trace(&posed, cancelled)?;
+                    baked.extend(traced.into_iter().map(|pose| self.at_points(pose)));
+                }
                 (Some(adaptive), _) => {
                     for posed in &posed {
                         baked.push(adaptive.bake(posed, cancelled)?);
@@ -184,7 +211,7 @@ impl Baker {
     /// result and tables included, in bytes; an upper estimate.
     #[must_use]
     pub fn memory_bytes(&self, poses: usize, threads: usize) -> u64 {
-        let points = self.points() as u64;
+        let points = self.stage.fit.as_ref().map_or(self.points(), |fit| fit.sites.len()) as u64;
         let vertices = self.stage.points.of_vertex.len() as u64;
         let coefficients = self.plan.coefficients as u64;
         let triangles = self.stage.trees.count() as u64;
@@ -241,7 +268,10 @@ impl Baker {
         let rays_per_s = (baked * self.plan.rays()) as f64 / start.elapsed().as_secs_f64();
         let rays_per_point = match &self.adaptive {
             Some(adaptive) => adaptive.rays_per_point(&posed, TRIAL_POINTS),
-            None => self.plan.rays() as f64,
+            None => {
+                let sites = self.stage.fit.as_ref().map_or(self.points(), |fit| fit.sites.len());
+                self.plan.rays() as f64 * sites as f64 / self.points() as f64
+            }
         };
         Ok(Calibration { rays_per_s, rays_per_point, prepare_s })
     }
@@ -272,7 +302,8 @@ impl Baker {
     }
 
     fn trace(&self, posed: &[Posed], cancelled: &AtomicBool) -> Result<Vec<BakedPose>, Error> {
-        let (points, count) = (self.points(), self.plan.coefficients);
+        let points = self.stage.fit.as_ref().map_or(self.points(), |fit| fit.sites.len());
+        let count = self.plan.coefficients;
         let rays = vec![self.plan.rays() as u32; points];
         let empty = || BakedPose {
             coefficients: vec![0.0; points * count],
@@ -300,6 +331,17 @@ impl Baker {
             |scratch, task| self.run(task, scratch, cancelled),
         )?;
         Ok(baked)
+    }
+
+    /// Fits points to sites, where those were traced.
+    fn at_points(&self, pose: BakedPose) -> BakedPose {
+        let Some(fit) = &self.stage.fit else { return pose };
+        let mean = (pose.rays.len() as f64 / fit.points() as f64 * self.plan.rays() as f64).round();
+        BakedPose {
+            coefficients: fit.solve(&pose.coefficients, self.plan.coefficients),
+            noise: fit.noise(&pose.noise),
+            rays: vec![mean as u32; fit.points()],
+        }
     }
 
     fn run(

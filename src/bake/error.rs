@@ -49,6 +49,20 @@ pub enum Error {
     /// A target noise for bounces, whose noise depends on other points.
     #[error("a target noise cannot be stated for bounces; state a number of rays")]
     NoiseOfBounces,
+    /// There is nothing to spread sites on.
+    #[error(
+        "no triangle has an area and points on all corners: there is nothing to fit vertices to"
+    )]
+    NoSurface,
+    /// Sites per point out of range.
+    #[error("{found} samples per vertex cannot be fitted; choose 1 to {most}", most = super::MOST_SITES)]
+    Sites {
+        /// What was asked for.
+        found: u32,
+    },
+    /// A fit of vertices with bounces or a target noise.
+    #[error("a least-squares vertex fit takes neither bounces nor a target noise")]
+    FitOf,
     /// Bounces out of range.
     #[error("{found} bounces cannot be baked; choose 1 to {most}", most = super::MOST_BOUNCES)]
     Bounces {

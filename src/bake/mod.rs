@@ -18,9 +18,11 @@ mod error;
 mod falloff;
 mod ground;
 mod kernel;
+mod least_squares;
 mod plan;
 mod posed;
 mod seen;
+mod sites;
 mod sums;
 mod surroundings;
 
@@ -35,6 +37,9 @@ pub use crate::model::Signal;
 use glam::Vec3;
 
 use crate::sh::Order;
+
+/// The most samples per vertex of a least-squares vertex fit.
+pub const MOST_SITES: u32 = 1024;
 
 /// The most rays per point that may be asked for.
 pub const MOST_RAYS: u32 = 1_000_000;

@@ -11,6 +11,8 @@ use glam::Vec3;
 use crate::rig::Points;
 use crate::trace;
 
+use super::least_squares::LeastSquares;
+use super::sites::Site;
 use super::surroundings::{NO_POINT, Surroundings, Trees};
 use super::{Error, PosedMesh};
 
@@ -50,6 +52,8 @@ pub(super) struct Stage {
     pub(super) points: Points,
     pub(super) trees: Trees,
     pub(super) surroundings: Surroundings,
+    /// Where rays start, where that is not at the points.
+    pub(super) fit: Option<LeastSquares>,
     /// Metres; infinite where there is no limit.
     pub(super) max_distance_m: f32,
 }
@@ -91,7 +95,7 @@ impl Posed {
         let height =
             |ground: f32, vertex: u32| (mesh.positions[vertex as usize].y - ground) * space.scale;
         let heights = |ground| points.vertex.iter().map(|&v| height(ground, v)).collect();
-        Ok(Self {
+        let at_points = Self {
             scenes,
             scene_of_point: Arc::clone(&stage.trees.of_point),
             origins,
@@ -101,7 +105,49 @@ impl Posed {
             far: stage.max_distance_m * space.scale,
             clip_key: mesh.clip_key,
             time_bits: mesh.time_s.to_bits(),
-        })
+        };
+        match &stage.fit {
+            None => Ok(at_points),
+            Some(fit) => Ok(at_points.at_sites(stage, mesh, &fit.sites, &space)),
+        }
+    }
+
+    /// The same with rays that start at sites: everything between that of the corners.
+    fn at_sites(self, stage: &Stage, mesh: &PosedMesh<'_>, sites: &[Site], space: &Space) -> Self {
+        let corners = |site: &Site| stage.triangles[site.triangle as usize];
+        let points = |site: &Site| {
+            corners(site).map(|corner| stage.points.of_vertex[corner as usize] as usize)
+        };
+        let normal = |site: &Site| {
+            let [a, b, c] = points(site).map(|point| self.normals[point]);
+            unit(site.mix([a, b, c])).unwrap_or(a)
+        };
+        let height = |site: &Site, ground: f32| {
+            let at = corners(site).map(|corner| mesh.positions[corner as usize]);
+            (site.mix(at).y - ground) * space.scale
+        };
+        // Between vertices with smooth normals the facet lies below the surface that the normals
+        // mean, and its neighbours would shadow it: each corner's tangent plane lifts the origin
+        // (Hanika 2021, "Hacking the shadow terminator").
+        let origin = |site: &Site| {
+            let at = points(site);
+            let flat = site.mix(at.map(|point| self.origins[point]));
+            let lift = at.map(|point| {
+                let below = (flat - self.origins[point]).dot(self.normals[point]).min(0.0);
+                -below * self.normals[point]
+            });
+            flat + site.mix(lift)
+        };
+        let tree = |site: &Site| self.scene_of_point[points(site)[0]];
+        let views = !self.scene_of_point.is_empty();
+        let ground = stage.surroundings.ground_m;
+        Self {
+            scene_of_point: if views { sites.iter().map(tree).collect() } else { Arc::new([]) },
+            origins: sites.iter().map(origin).collect(),
+            normals: sites.iter().map(normal).collect(),
+            heights: ground.map(|ground| sites.iter().map(|s| height(s, ground)).collect()),
+            ..self
+        }
     }
 }
 

@@ -142,6 +142,9 @@ pub(crate) struct BakeFlags {
     /// How often other surfaces pass light on, 0 to 8, for the signal transfer [default: 0].
     #[arg(long, value_name = "N")]
     bounces: Option<u32>,
+    /// Fit vertices by least squares to this many samples each, spread over the surface.
+    #[arg(long, value_name = "SAMPLES")]
+    vertex_fit: Option<u32>,
     /// With bounces, the reflectance of parts without a material [default: 0.5].
     #[arg(long, value_name = "ALBEDO")]
     albedo: Option<f32>,
@@ -285,6 +288,7 @@ impl BakeFlags {
         set(&mut bake.seed, self.seed);
         set(&mut bake.bounces, self.bounces);
         bake.albedo = self.albedo.or(bake.albedo);
+        bake.vertex_fit = self.vertex_fit.or(bake.vertex_fit);
         set(&mut recipe.poses.seed, self.seed);
         if self.max_distance.is_some() {
             bake.max_distance_m = self.max_distance;

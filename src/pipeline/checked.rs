@@ -109,6 +109,7 @@ fn checked_bake(recipe: &BakeRecipe) -> Result<bake::Settings, RecipeError> {
     }
     checked_surroundings(recipe)?;
     checked_bounces(recipe)?;
+    checked_fitting(recipe)?;
     let signal = match recipe.signal {
         SignalName::Ao => bake::Signal::Ao,
         SignalName::Visibility => bake::Signal::Visibility,
@@ -131,6 +132,14 @@ fn checked_noise(recipe: &BakeRecipe) -> Result<Option<f32>, RecipeError> {
         require(recipe.bounces == 0, "bake.noise", noise, expected)?;
     }
     Ok(recipe.noise)
+}
+
+fn checked_fitting(recipe: &BakeRecipe) -> Result<(), RecipeError> {
+    let Some(samples) = recipe.vertex_fit else { return Ok(()) };
+    let (field, sound) = ("bake.vertex_fit", (1..=bake::MOST_SITES).contains(&samples));
+    require(sound, field, samples, "it must be 1 to 1024 samples per vertex")?;
+    let alone = recipe.bounces == 0 && recipe.noise.is_none();
+    require(alone, field, samples, "it takes neither bounces nor a target noise")
 }
 
 fn checked_bounces(recipe: &BakeRecipe) -> Result<(), RecipeError> {
@@ -368,6 +377,9 @@ mod tests {
         assert_eq!(fault(|r| (r.bake.bounces, r.bake.albedo) = (1, Some(1.5))), "bake.albedo");
         assert_eq!(fault(|r| r.bake.noise = Some(0.0)), "bake.noise");
         assert_eq!(fault(|r| (r.bake.noise, r.bake.bounces) = (Some(0.1), 1)), "bake.noise");
+        assert_eq!(fault(|r| r.bake.vertex_fit = Some(0)), "bake.vertex_fit");
+        let bounced = |r: &mut Recipe| (r.bake.vertex_fit, r.bake.bounces) = (Some(4), 1);
+        assert_eq!(fault(bounced), "bake.vertex_fit");
         let around = "bake.surroundings.ground";
         let nowhere = Some(GroundRecipe::HeightM(f32::NAN));
         assert_eq!(fault(|r| r.bake.surroundings.ground = nowhere), around);

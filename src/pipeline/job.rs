@@ -12,7 +12,7 @@ use super::{Checked, Error};
 use crate::bake::{self, Baker, Reflectance};
 use crate::model::Surface;
 use crate::pose::{self, PoseSet};
-use crate::rig::{self, Deformed};
+use crate::rig::{self, Deformed, Pose, RigidFrame};
 use crate::scene::{self, Content, Limits, Scene};
 
 /// Imports a scene within the default limits.
@@ -108,6 +108,17 @@ impl Job {
         Ok(job)
     }
 
+    /// The mesh at rest with everything that only blocks, in the scene.
+    fn rest(&self) -> Deformed {
+        let mesh = &self.scene.mesh;
+        let rest = Pose::rest(&self.scene.skeleton, &mesh.default_weights);
+        let globals = self.scene.skeleton.globals(&rest.local);
+        let mut out = Deformed::default();
+        rig::deform(mesh, &globals, &rest.weights, RigidFrame::IDENTITY, &mut out);
+        self.occluders.append(&globals, &rest.weights, RigidFrame::IDENTITY, &mut out);
+        out
+    }
+
     /// The mesh of one pose in the character's root frame.
     #[must_use]
     pub fn deformed(&self, pose: usize) -> Deformed {
@@ -135,6 +146,9 @@ impl Job {
     pub fn baker(&self, settings: &bake::Settings, noise: Option<f32>) -> Result<Baker, Error> {
         let (triangles, points) = self.occluders.with(&self.scene.mesh, &self.poses.points);
         let baker = Baker::new(&triangles, &points, settings)?.within(self.surroundings.clone())?;
+        if let Some(samples) = self.recipe.bake.vertex_fit {
+            return Ok(baker.fitted(&self.rest().positions, samples)?);
+        }
         match (&self.reflectance, noise) {
             (None, None) => Ok(baker),
             (Some(reflectance), _) => Ok(baker.reflecting(reflectance.clone())?),

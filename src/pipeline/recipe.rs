@@ -161,6 +161,10 @@ pub struct BakeRecipe {
     /// signal `transfer`. Reflectances are the materials' base colours.
     #[serde(skip_serializing_if = "is_zero")]
     pub bounces: u32,
+    /// Values at vertices are fitted by least squares to this many samples for each vertex, all over
+    /// the surface and each of `rays`, 1 to 1024; sampled at the vertices when absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub vertex_fit: Option<u32>,
     /// With bounces, the reflectance of parts without a material, 0 to 1; 0.5 when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub albedo: Option<f32>,
@@ -187,6 +191,7 @@ impl Default for BakeRecipe {
             max_distance_m: None,
             seed: 1,
             bounces: 0,
+            vertex_fit: None,
             albedo: None,
             surroundings: SurroundingsRecipe::default(),
         }
