@@ -7,6 +7,7 @@
 //! one, else the bundled figure.
 
 #![expect(clippy::print_stdout, reason = "a benchmark prints its tables")]
+#![expect(clippy::unwrap_used, reason = "a benchmark ends where something fails")]
 
 use std::path::PathBuf;
 use std::sync::Arc;
