@@ -120,15 +120,28 @@ fn model(points: usize, frame: Frame) -> Model {
         coefficients: numbers(2, WIDTH * (INPUTS + 1) * OUTPUTS),
         basis: numbers(3, points * OUTPUTS),
     };
-    // Runs of some tens of points per bone, as along a character's surface.
-    let mut stream = Stream::new(4);
-    let mut bones = Vec::with_capacity(points);
-    while bones.len() < points {
-        let bone = (stream.uniform() * BONES as f64) as u16;
-        let run = 10 + (stream.uniform() * 100.0) as usize;
-        bones.extend(std::iter::repeat_n(bone, run.min(points - bones.len())));
-    }
+    let bones = bones_of(points);
     Model::new(header, decoder, (0..points as u32).collect(), bones).expect("a valid model")
+}
+
+/// Bones in the vertex order of a scanned character: long regions whose borders zigzag, so that a
+/// run has some 14 points, and 32 points in a row belong to 1.7 bones.
+fn bones_of(points: usize) -> Vec<u16> {
+    let mut stream = Stream::new(4);
+    let mut uniform = |below: usize| (stream.uniform() * below as f64) as usize;
+    let mut bones = Vec::with_capacity(points);
+    let mut bone = 0;
+    while bones.len() < points {
+        bones.extend(std::iter::repeat_n(bone, 20 + uniform(70)));
+        let next = uniform(BONES) as u16;
+        for _ in 0..2 {
+            bones.extend(std::iter::repeat_n(next, 1 + uniform(7)));
+            bones.extend(std::iter::repeat_n(bone, 1 + uniform(7)));
+        }
+        bone = next;
+    }
+    bones.truncate(points);
+    bones
 }
 
 fn race(contestants: &mut [Contestant<'_>]) -> Vec<Times> {

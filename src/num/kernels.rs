@@ -35,8 +35,7 @@ pub enum Layout {
 ///   in the lanes; column c of j is `right[j * stride + c]`;
 /// - `LANES`, `ROWS`, `ACROSS` and `along::<V>(panel, row, right, stride, out)`: V vectors of
 ///   `LANES` columns of the `ROWS` rows from `row` on, as far as `out` reaches;
-/// - `among::<N>(panel, sides, out)`: one column, of which N masks of rows take a right-hand side
-///   each.
+/// - `pair(panel, sides, out)`: one column, of which two masks of rows take a right-hand side each.
 macro_rules! drivers {
     ($($attribute:meta)?) => {
         /// Fills the first `count` columns of the buffer.
@@ -130,17 +129,9 @@ macro_rules! drivers {
                     (entry.1, right)
                 };
                 let mut values = Lanes::ZERO;
-                for entries in groups.of_panel(p).chunks(4) {
-                    // Together, so that they read the panel once and do not wait for their sums.
-                    match entries {
-                        [a] => among(panel, [side(a)], &mut values),
-                        [a, b] => among(panel, [side(a), side(b)], &mut values),
-                        [a, b, c] => among(panel, [side(a), side(b), side(c)], &mut values),
-                        [a, b, c, d, ..] => {
-                            among(panel, [side(a), side(b), side(c), side(d)], &mut values);
-                        }
-                        [] => {}
-                    }
+                // Two at a time: they read the panel once and do not wait for their sums.
+                for [a, b] in groups.of_panel(p) {
+                    pair(panel, [side(a), side(b)], &mut values);
                 }
                 match out.first_chunk_mut() {
                     Some(out) => *out = values.0,

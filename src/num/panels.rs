@@ -65,10 +65,12 @@ impl Panels {
 /// Which rows take which of several right-hand sides; see [`multiply_grouped`](super::kernels::multiply_grouped).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Groups {
-    /// `entries[starts[p]..starts[p + 1]]` are those of panel p.
+    /// `pairs[starts[p]..starts[p + 1]]` are those of panel p.
     starts: Vec<usize>,
-    /// A group and the rows of the panel that belong to it.
-    entries: Vec<(usize, u32)>,
+    /// Two groups, each with the rows of the panel that belong to it. An odd group goes with
+    /// itself and no rows: most panels have one or two, and one way through is quicker for both
+    /// than a choice between two.
+    pairs: Vec<[(usize, u32); 2]>,
     count: usize,
 }
 
@@ -77,17 +79,19 @@ impl Groups {
     #[must_use]
     pub fn new(group_of_row: &[u16]) -> Self {
         let count = group_of_row.iter().max().map_or(0, |&group| usize::from(group) + 1);
-        let mut this = Self { starts: vec![0], entries: Vec::new(), count };
+        let mut this = Self { starts: vec![0], pairs: Vec::new(), count };
         for panel in group_of_row.chunks(PANEL_ROWS) {
-            let start = this.entries.len();
+            let mut entries: Vec<(usize, u32)> = Vec::new();
             for (lane, &group) in panel.iter().enumerate() {
                 let group = usize::from(group);
-                match this.entries[start..].iter_mut().find(|entry| entry.0 == group) {
+                match entries.iter_mut().find(|entry| entry.0 == group) {
                     Some(entry) => entry.1 |= 1 << lane,
-                    None => this.entries.push((group, 1 << lane)),
+                    None => entries.push((group, 1 << lane)),
                 }
             }
-            this.starts.push(this.entries.len());
+            let pair = |pair: &[(usize, u32)]| [pair[0], *pair.get(1).unwrap_or(&(pair[0].0, 0))];
+            this.pairs.extend(entries.chunks(2).map(pair));
+            this.starts.push(this.pairs.len());
         }
         this
     }
@@ -103,8 +107,8 @@ impl Groups {
     }
 
     /// The groups of a panel, each with the rows that belong to it.
-    pub(super) fn of_panel(&self, panel: usize) -> &[(usize, u32)] {
-        &self.entries[self.starts[panel]..self.starts[panel + 1]]
+    pub(super) fn of_panel(&self, panel: usize) -> &[[(usize, u32); 2]] {
+        &self.pairs[self.starts[panel]..self.starts[panel + 1]]
     }
 }
 
@@ -132,8 +136,9 @@ mod tests {
         for (row, &expected) in group_of_row.iter().enumerate() {
             let of_panel = groups.of_panel(row / PANEL_ROWS);
             let holds = |mask: u32| mask >> (row % PANEL_ROWS) & 1 == 1;
+            let entries = of_panel.as_flattened().iter();
             let found: Vec<usize> =
-                of_panel.iter().filter(|entry| holds(entry.1)).map(|entry| entry.0).collect();
+                entries.filter(|entry| holds(entry.1)).map(|entry| entry.0).collect();
             assert_eq!(found, [usize::from(expected)]);
         }
     }

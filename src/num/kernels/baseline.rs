@@ -51,9 +51,9 @@ fn accumulate<const N: usize>(panel: &[Lanes], right: &[f32], stride: usize, buf
 }
 
 #[inline]
-fn among<const N: usize>(panel: &[Lanes], sides: [(u32, &[f32]); N], out: &mut Lanes) {
+fn pair(panel: &[Lanes], sides: [(u32, &[f32]); 2], out: &mut Lanes) {
     for start in (0..PANEL_ROWS).step_by(PASS) {
-        let mut sums = [[0.0_f32; PASS]; N];
+        let mut sums = [[0.0_f32; PASS]; 2];
         for (j, lanes) in panel.iter().enumerate() {
             add(lanes, start, sides.map(|side| side.1[j]), &mut sums);
         }

@@ -60,28 +60,6 @@ macro_rules! kernels {
                 unsafe { $store(part.as_mut_ptr(), vector) };
             }
 
-            /// `PASS` vectors of rows of N columns, of which `right(j)` gives the factors.
-            #[target_feature(enable = $feature)]
-            #[inline]
-            fn sum<const N: usize>(
-                panel: &[Lanes],
-                first: usize,
-                right: impl Fn(usize) -> [f32; N],
-            ) -> [[$vector; PASS]; N] {
-                let mut sums = [[$set1(0.0); PASS]; N];
-                for (j, lanes) in panel.iter().enumerate() {
-                    let left = load_all::<PASS>(&lanes.0[first * LANES..]);
-                    // One broadcast lives at a time: the sums need the other registers.
-                    for (sums, right) in sums.iter_mut().zip(right(j)) {
-                        let right = $set1(right);
-                        for v in 0..PASS {
-                            sums[v] = $fmadd(left[v], right, sums[v]);
-                        }
-                    }
-                }
-                sums
-            }
-
             #[target_feature(enable = $feature)]
             #[inline]
             fn accumulate<const N: usize>(
@@ -90,9 +68,20 @@ macro_rules! kernels {
                 stride: usize,
                 buffer: &mut [Lanes],
             ) {
-                let factors = |j: usize| *right[j * stride..].first_chunk().expect("checked");
                 for first in (0..VECTORS).step_by(PASS) {
-                    let sums = sum::<N>(panel, first, factors);
+                    let mut sums = [[$set1(0.0); PASS]; N];
+                    for (j, lanes) in panel.iter().enumerate() {
+                        let left = load_all::<PASS>(&lanes.0[first * LANES..]);
+                        let right: &[f32; N] =
+                            right[j * stride..].first_chunk().expect("checked lengths");
+                        // One broadcast lives at a time: the sums need the other registers.
+                        for (sums, &right) in sums.iter_mut().zip(right) {
+                            let right = $set1(right);
+                            for v in 0..PASS {
+                                sums[v] = $fmadd(left[v], right, sums[v]);
+                            }
+                        }
+                    }
                     for (lanes, sums) in buffer.iter_mut().zip(&sums) {
                         let out = &mut lanes.0[first * LANES..(first + PASS) * LANES];
                         for v in 0..PASS {
@@ -104,16 +93,23 @@ macro_rules! kernels {
 
             #[target_feature(enable = $feature)]
             #[inline]
-            fn among<const N: usize>(panel: &[Lanes], sides: [(u32, &[f32]); N], out: &mut Lanes) {
+            fn pair(panel: &[Lanes], sides: [(u32, &[f32]); 2], out: &mut Lanes) {
+                let [(a_mask, a), (b_mask, b)] = sides;
                 for first in (0..VECTORS).step_by(PASS) {
-                    let sums = sum::<N>(panel, first, |j| sides.map(|side| side.1[j]));
+                    let mut sums = [[$set1(0.0); 2]; PASS];
+                    // Side by side, so that no index is checked.
+                    for ((lanes, &a), &b) in panel.iter().zip(a).zip(b) {
+                        let left = load_all::<PASS>(&lanes.0[first * LANES..]);
+                        let (a, b) = ($set1(a), $set1(b));
+                        for v in 0..PASS {
+                            sums[v][0] = $fmadd(left[v], a, sums[v][0]);
+                            sums[v][1] = $fmadd(left[v], b, sums[v][1]);
+                        }
+                    }
                     for v in 0..PASS {
                         let at = first + v;
-                        let mut value = load(&out.0, at);
-                        for (&(mask, _), sums) in sides.iter().zip(&sums) {
-                            value = $blend(mask >> (at * LANES), value, sums[v]);
-                        }
-                        store(&mut out.0, at, value);
+                        let value = $blend(a_mask >> (at * LANES), load(&out.0, at), sums[v][0]);
+                        store(&mut out.0, at, $blend(b_mask >> (at * LANES), value, sums[v][1]));
                     }
                 }
             }
