@@ -19,6 +19,7 @@
 //! | 9 | `dataset` | the training set on disk |
 //! | 10 | `fit` | the model families |
 //! | 11 | `measure` | errors, costs, reports |
+//! | 13 | `choose` | what a target asks for |
 //! | 14 | `pipeline` | recipe, run, resume |
 //! | 16 | `cli` | arguments, progress, output |
 //!
@@ -34,6 +35,8 @@ pub mod sh;
 
 #[cfg(feature = "bake")]
 pub mod bake;
+#[cfg(feature = "bake")]
+pub mod choose;
 #[cfg(feature = "bake")]
 pub mod dataset;
 #[cfg(feature = "bake")]

@@ -52,6 +52,9 @@ pub(crate) enum Command {
     /// Measure a model against reference bakes on training and held-out motion.
     #[command(args_override_self = true)]
     Measure(MeasureArgs),
+    /// Measure every family and size over one bake.
+    #[command(args_override_self = true)]
+    Tradeoff(TradeoffArgs),
     /// Evaluate a model at poses.
     #[command(args_override_self = true)]
     Evaluate(EvaluateArgs),
@@ -247,6 +250,23 @@ pub(crate) struct RunArgs {
     pub(crate) bake: BakeFlags,
     #[command(flatten)]
     pub(crate) fit: FitFlags,
+    #[command(flatten)]
+    pub(crate) measure: MeasureFlags,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct TradeoffArgs {
+    /// The data set; references are baked into it once.
+    pub(crate) dataset: PathBuf,
+    /// The folder for the points, plots and the page.
+    #[arg(short, long, value_name = "DIR")]
+    pub(crate) output: PathBuf,
+    /// Every size of the published tables too, and the neurons: takes many times as long.
+    #[arg(long)]
+    pub(crate) full: bool,
+    /// Only candidates whose name has this in it (may be repeated).
+    #[arg(long, value_name = "TEXT")]
+    pub(crate) only: Vec<String>,
     #[command(flatten)]
     pub(crate) measure: MeasureFlags,
 }

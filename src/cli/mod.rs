@@ -96,6 +96,7 @@ fn run(command: Command, watch: &Watch) -> anyhow::Result<Answer> {
         Command::Bake(args) => commands::bake(&args, watch),
         Command::Fit(args) => commands::fit(&args, watch),
         Command::Measure(args) => commands::measure(&args, watch),
+        Command::Tradeoff(args) => commands::tradeoff(&args, watch),
         Command::Evaluate(args) => commands::evaluate(&args),
         Command::Run(args) => commands::run(&args, watch),
         Command::Schema => commands::schema(),

@@ -1,5 +1,6 @@
 //! A model against the references of its data set.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use super::job::PointSurface;
@@ -16,9 +17,8 @@ use crate::pose::Split;
 struct Candidates {
     models: Vec<Model>,
     entries: Vec<Candidate>,
-    /// Of every pose of the data set, `[pose, parameter]`: the same for all, since one recipe made
-    /// them.
-    parameters: Vec<f32>,
+    /// For each model those of every pose of the data set, `[pose, parameter]`.
+    parameters: Vec<Arc<Vec<f32>>>,
     /// Poses the mesh, where a model looks at it.
     job: Option<Job>,
 }
@@ -36,15 +36,58 @@ pub fn measure(
     belongs(model, dataset)?;
     let reference = Reference::open(dataset)?;
     let candidates = candidates(model, fit_mean(dataset, recipe)?, dataset)?;
-    let mut measurement = Measurement::new(settings(model, dataset, &reference, &candidates)?)?;
+    stream(&candidates, dataset, &reference, watch)
+}
+
+/// Measures several models of one data set beside each other; the first is the headline.
+///
+/// # Errors
+/// As [`measure`]; also without any model.
+pub(super) fn measure_many(
+    named: &[(String, Model)],
+    dataset: &Dataset,
+    watch: &Watch,
+) -> Result<Measured, Error> {
+    let reference = Reference::open(dataset)?;
+    let mut known: Vec<(&Model, Arc<Vec<f32>>)> = Vec::new();
+    let mut parameters = Vec::new();
+    for (_, model) in named {
+        belongs(model, dataset)?;
+        let like = known.iter().find(|k| k.0.header().rig.columns == model.header().rig.columns);
+        let own = match like {
+            Some((_, parameters)) => Arc::clone(parameters),
+            None => Arc::new(encoding::parameters(model, dataset)?),
+        };
+        known.push((model, Arc::clone(&own)));
+        parameters.push(own);
+    }
+    let kind = |i: usize| if i == 0 { Kind::Model } else { Kind::Baseline };
+    let entries = named.iter().enumerate();
+    let entries = entries.map(|(i, (name, _))| Candidate { name: name.clone(), kind: kind(i) });
+    let entries = entries.collect();
+    let models: Vec<Model> = named.iter().map(|(_, model)| model.clone()).collect();
+    let job =
+        models.iter().any(Model::needs_surface).then(|| super::job_of(dataset)).transpose()?;
+    stream(&Candidates { models, entries, parameters, job }, dataset, &reference, watch)
+}
+
+/// All candidates at every pose of the references.
+fn stream(
+    candidates: &Candidates,
+    dataset: &Dataset,
+    reference: &Reference,
+    watch: &Watch,
+) -> Result<Measured, Error> {
+    let settings = settings(&candidates.models[0], dataset, reference, candidates)?;
+    let mut measurement = Measurement::new(settings)?;
     let total = reference.header().poses.len();
     let start = Instant::now();
-    let mut bench = Bench::new(dataset, &candidates);
+    let mut bench = Bench::new(dataset, candidates);
     for index in 0..total {
         if watch.is_cancelled() {
             return Err(Error::Cancelled { done: index as u64, total: total as u64 });
         }
-        bench.load(dataset, &reference, &candidates, index)?;
+        bench.load(dataset, reference, candidates, index)?;
         let values = bench.values.iter().map(Vec::as_slice);
         let named: Vec<(&str, &[f32])> =
             candidates.entries.iter().map(|entry| entry.name.as_str()).zip(values).collect();
@@ -82,7 +125,8 @@ fn candidates(model: &Model, mean: Model, dataset: &Dataset) -> Result<Candidate
             entries.push(entry(precision.name(), Kind::Precision));
         }
     }
-    let parameters = encoding::parameters(model, dataset)?;
+    let parameters = Arc::new(encoding::parameters(model, dataset)?);
+    let parameters = vec![parameters; models.len()];
     let job =
         models.iter().any(Model::needs_surface).then(|| super::job_of(dataset)).transpose()?;
     Ok(Candidates { models, entries, parameters, job })
@@ -140,9 +184,10 @@ impl Bench {
         }
         self.normals = reference.read_normals(index)?;
         let surface = candidates.job.as_ref().map(|job| job.surface(self.pose));
-        for (model, out) in candidates.models.iter().zip(&mut self.values) {
+        let models = candidates.models.iter().zip(&candidates.parameters);
+        for ((model, parameters), out) in models.zip(&mut self.values) {
             let pose = (self.pose, surface.as_ref());
-            predict(model, dataset, &candidates.parameters, pose, out)?;
+            predict(model, dataset, parameters, pose, out)?;
         }
         Ok(())
     }
@@ -166,7 +211,7 @@ impl Bench {
 }
 
 /// A model's coefficients at a pose of the data set, root frame.
-fn predict(
+pub(super) fn predict(
     model: &Model,
     dataset: &Dataset,
     parameters: &[f32],

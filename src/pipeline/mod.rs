@@ -5,6 +5,7 @@
 //! named by [`Hashes`]; what is there under the right hash is not made again.
 
 mod bake;
+mod candidates;
 mod checked;
 mod describe;
 mod encoding;
@@ -24,8 +25,10 @@ mod run;
 mod subset;
 mod surroundings;
 mod timing;
+mod tradeoff;
 
 pub use bake::{Baked, bake};
+pub use candidates::{CandidateRecipe, Range, candidates};
 pub use checked::{Checked, RecipeError, ReferenceSettings};
 pub use error::Error;
 pub use figures::{Figures, ModelFigures, Spectra, Times};
@@ -38,3 +41,4 @@ pub use progress::{Progress, Stage, Watch};
 pub use reference::{ReferenceBaked, bake_reference, job_of};
 pub use run::{Outcome, examine, meets_target, run};
 pub use surroundings::Occluders;
+pub use tradeoff::{Tradeoff, tradeoff};

@@ -7,6 +7,7 @@ mod inspect;
 mod measure;
 mod run;
 mod sample;
+mod tradeoff;
 
 pub(super) use bake::bake;
 pub(super) use evaluate::evaluate;
@@ -15,6 +16,7 @@ pub(super) use inspect::inspect;
 pub(super) use measure::measure;
 pub(super) use run::run;
 pub(super) use sample::{sample, schema};
+pub(super) use tradeoff::tradeoff;
 
 use std::path::Path;
 

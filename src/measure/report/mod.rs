@@ -9,6 +9,7 @@ mod figures;
 mod head;
 mod input;
 mod residuals;
+mod scatter;
 mod spectrum;
 mod svg;
 #[cfg(test)]
@@ -18,6 +19,7 @@ mod text;
 pub use input::{
     Character, ClipFacts, LeftOut, ModelFacts, Phase, ReportInput, RestMesh, Spectrum, Times,
 };
+pub use scatter::{Scatter, scatter};
 
 use super::Split;
 use text::escape;

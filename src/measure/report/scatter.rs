@@ -1,0 +1,105 @@
+//! Models as points over two of their numbers, both on logarithmic axes: the picture of a
+//! trade-off, as a file of its own.
+
+use super::svg::{Axis, Plot};
+use super::text::escape;
+
+/// Colours by group, legible on white and on black.
+const COLOURS: [&str; 8] =
+    ["#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#bb7744", "#888888"];
+
+/// One picture.
+#[derive(Debug)]
+pub struct Scatter<'a> {
+    /// What it shows.
+    pub title: &'a str,
+    /// Name and unit of the horizontal axis.
+    pub x_name: &'a str,
+    /// Name and unit of the vertical axis.
+    pub y_name: &'a str,
+    /// The groups that points are coloured by.
+    pub groups: &'a [String],
+    /// Across, up, index of the group, and what a pointer shows. Positive numbers only are drawn.
+    pub points: &'a [(f64, f64, usize, String)],
+    /// Indices of points that a line joins, in order.
+    pub front: &'a [usize],
+}
+
+/// The picture as an SVG file.
+#[must_use]
+pub fn scatter(scatter: &Scatter<'_>) -> String {
+    let drawn = |p: &&(f64, f64, usize, String)| p.0 > 0.0 && p.1 > 0.0;
+    let points = || scatter.points.iter().filter(drawn);
+    let range = |of: &dyn Fn(&(f64, f64, usize, String)) -> f64| {
+        let low = points().map(of).fold(f64::INFINITY, f64::min);
+        let high = points().map(of).fold(0.0, f64::max);
+        if low < high {
+            Axis::log(low / 1.2, high * 1.2)
+        } else {
+            Axis::log(high / 2.0, high * 2.0)
+        }
+    };
+    let axes = (range(&|p| p.0), range(&|p| p.1));
+    let mut plot = Plot::new("tradeoff", (960.0, 540.0), axes);
+    plot.grid(scatter.x_name, scatter.y_name);
+    let front = scatter.front.iter().map(|&i| &scatter.points[i]).filter(drawn);
+    plot.line("front", front.map(|p| (p.0, p.1)));
+    for (x, y, group, hint) in points() {
+        plot.dot(&format!("g{}", group % COLOURS.len()), (*x, *y), hint);
+    }
+    let picture = plot.finish(scatter.title, "every point is a model; a line joins the best");
+    let head =
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" font-family=\"sans-serif\" font-size=\"12\" ";
+    let picture = picture.replacen("<svg ", head, 1);
+    let Some(end) = picture.find('>') else { return picture };
+    format!("{}{}{}{}", &picture[..=end], style(), legend(scatter.groups), &picture[end + 1..])
+}
+
+fn style() -> String {
+    let groups = COLOURS.iter().enumerate().map(|(i, c)| format!(".g{i}{{fill:{c}}}"));
+    format!(
+        "<style>.grid{{stroke:#8884;fill:none}}.axis{{stroke:#888;fill:none}}text{{fill:#888}}\
+         .line{{fill:none;stroke:#888;stroke-width:1.5}}{}</style>",
+        groups.collect::<String>()
+    )
+}
+
+fn legend(groups: &[String]) -> String {
+    let entry = |(i, name): (usize, &String)| {
+        let y = 40 + 18 * i;
+        let class = i % COLOURS.len();
+        format!(
+            r#"<circle class="g{class}" cx="800" cy="{y}" r="4"/><text x="812" y="{}">{}</text>"#,
+            y + 4,
+            escape(name)
+        )
+    };
+    groups.iter().enumerate().map(entry).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every point is drawn once with its hint escaped; what has no logarithm is not.
+    #[test]
+    fn points_are_drawn() {
+        let points = vec![
+            (1.0, 0.1, 0, "a<b".to_owned()),
+            (10.0, 0.05, 1, "c".to_owned()),
+            (0.0, 1.0, 0, "z".to_owned()),
+        ];
+        let groups = ["x".to_owned(), "y".to_owned()];
+        let svg = scatter(&Scatter {
+            title: "t",
+            x_name: "bytes",
+            y_name: "error",
+            groups: &groups,
+            points: &points,
+            front: &[0, 1],
+        });
+        assert_eq!(svg.matches("class=\"dot").count(), 2);
+        assert!(svg.contains("a&lt;b") && !svg.contains(">z<") && svg.starts_with("<svg xmlns"));
+        assert!(!svg.contains("NaN") && !svg.contains("inf"));
+    }
+}

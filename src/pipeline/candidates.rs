@@ -1,0 +1,183 @@
+//! The models that a trade-off is measured over: every family at several sizes.
+
+use super::recipe::{
+    FamilyName, FitRecipe, FrameName, OnName, ParametrisationName, Recipe, SignalName,
+};
+
+/// A fit with its name; precision is not part of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CandidateRecipe {
+    /// Family and sizes in words, unique.
+    pub name: String,
+    /// The data set's recipe with another `fit` and `target.on`.
+    pub recipe: Recipe,
+}
+
+/// How far to look.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Range {
+    /// Every family at a few sizes; not the neurons, whose fit takes a hundred times as long.
+    Quick,
+    /// All, with the papers' own forms.
+    Full,
+}
+
+/// Sizes of `pca-linear`, d_in and d_out.
+const PCA: [(u32, u32); 6] = [(2, 8), (4, 11), (8, 22), (8, 44), (15, 50), (15, 100)];
+
+/// Sizes of `multilinear`, pose clusters and dimensions.
+const LOCAL: [(u32, u32); 5] = [(3, 5), (5, 5), (5, 10), (10, 5), (10, 10)];
+
+/// Clusters of points of `multilinear` in per mille of the points: AO07's 10,000, 5,000 and 1,000
+/// of about 37,600.
+const SHARED: [u32; 3] = [266, 133, 27];
+
+/// Spheres of `occluder`.
+const SPHERES: [u32; 3] = [40, 100, 200];
+
+/// The models to try over a data set of so many points, in a fixed order, simple ones first.
+#[must_use]
+pub fn candidates(base: &Recipe, points: usize, range: Range) -> Vec<CandidateRecipe> {
+    let mut list = List { base, all: Vec::new() };
+    let frames: &[FrameName] = match base.bake.signal {
+        SignalName::Ao => &[FrameName::Root],
+        SignalName::Visibility | SignalName::Transfer => &[FrameName::Bone, FrameName::Root],
+    };
+    for &frame in frames {
+        let suffix = match (frame, frames.len()) {
+            (FrameName::Root, 2) => ", root frame",
+            _ => "",
+        };
+        list.pose_only(frame, suffix, points, range);
+    }
+    for spheres in SPHERES {
+        list.add(format!("occluder {spheres}"), OnName::Novel, |fit| {
+            fit.family = FamilyName::Occluder;
+            fit.spheres = Some(spheres);
+        });
+    }
+    if range == Range::Full {
+        list.published(points);
+    }
+    list.all
+}
+
+struct List<'a> {
+    base: &'a Recipe,
+    all: Vec<CandidateRecipe>,
+}
+
+impl List<'_> {
+    fn add(&mut self, name: String, on: OnName, edit: impl FnOnce(&mut FitRecipe)) {
+        let mut recipe = self.base.clone();
+        recipe.fit = FitRecipe { seed: recipe.fit.seed, ..FitRecipe::default() };
+        recipe.target.on = on;
+        edit(&mut recipe.fit);
+        self.all.push(CandidateRecipe { name, recipe });
+    }
+
+    fn pose_only(&mut self, frame: FrameName, suffix: &str, points: usize, range: Range) {
+        let novel = OnName::Novel;
+        let handles = Some(ParametrisationName::Handles);
+        self.add(format!("mean{suffix}"), novel, |fit| {
+            fit.family = FamilyName::Mean;
+            fit.frame = frame;
+        });
+        for (name, parametrisation) in
+            [("joint angles", Some(ParametrisationName::JointAngles)), ("handles", handles)]
+        {
+            self.add(format!("linear, {name}{suffix}"), novel, |fit| {
+                fit.family = FamilyName::Linear;
+                (fit.frame, fit.parametrisation) = (frame, parametrisation);
+            });
+        }
+        for (inputs, outputs) in PCA {
+            self.add(format!("pca-linear {inputs}, {outputs}{suffix}"), novel, |fit| {
+                (fit.family, fit.frame) = (FamilyName::PcaLinear, frame);
+                (fit.inputs, fit.outputs) = (Some(inputs), Some(outputs));
+            });
+        }
+        for (clusters, inputs) in LOCAL {
+            let edit = |fit: &mut FitRecipe| {
+                (fit.family, fit.frame) = (FamilyName::Multilinear, frame);
+                (fit.clusters, fit.inputs) = (Some(clusters), Some(inputs));
+                fit.parametrisation = handles;
+            };
+            self.add(format!("multilinear {clusters}, {inputs}{suffix}"), novel, edit);
+            for share in SHARED {
+                let shared = (points as u64 * u64::from(share) / 1000).max(1) as u32;
+                let name = format!("multilinear {clusters}, {inputs}, {shared}{suffix}");
+                self.add(name, novel, |fit| {
+                    edit(fit);
+                    fit.point_clusters = Some(shared);
+                });
+            }
+        }
+        let mut forms = vec![
+            ("clustered-linear", FamilyName::ClusteredLinear),
+            ("clustered-quadratic", FamilyName::ClusteredQuadratic),
+        ];
+        if range == Range::Full {
+            forms.push(("clustered-tanh", FamilyName::ClusteredTanh));
+        }
+        for (name, family) in forms {
+            for share in [0.8, 0.95] {
+                self.add(format!("{name} {share}{suffix}"), novel, |fit| {
+                    (fit.family, fit.frame) = (family, frame);
+                    fit.retain_outputs = Some(share);
+                });
+            }
+        }
+    }
+
+    /// The forms that the papers print, without regularisation.
+    fn published(&mut self, points: usize) {
+        let trained = OnName::Trained;
+        for (clusters, inputs) in [5, 10, 15].into_iter().flat_map(|c| [5, 10, 15].map(|d| (c, d)))
+        {
+            for share in [None, Some(266), Some(133), Some(27)] {
+                let shared = share.map(|s: u64| (points as u64 * s / 1000).max(1) as u32);
+                let rows = shared.map_or("all".to_owned(), |rows| rows.to_string());
+                for published in [false, true] {
+                    let form = if published { "as published" } else { "with intercepts" };
+                    let name = format!("AO07 {clusters}, {inputs}, {rows}, {form}");
+                    self.add(name, trained, |fit| {
+                        fit.family = FamilyName::Multilinear;
+                        fit.parametrisation = Some(ParametrisationName::Handles);
+                        (fit.clusters, fit.inputs) = (Some(clusters), Some(inputs));
+                        (fit.point_clusters, fit.published) = (shared, published);
+                    });
+                }
+            }
+        }
+        self.add("linear, trained".to_owned(), trained, |fit| fit.family = FamilyName::Linear);
+        self.add("PRT07 P(15, 500)".to_owned(), OnName::Novel, |fit| {
+            fit.family = FamilyName::PcaLinear;
+            (fit.inputs, fit.outputs) = (Some(15), Some(500));
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pipeline::Checked;
+
+    /// Every candidate has a name of its own and passes the recipe's check, and the full range
+    /// holds the quick one.
+    #[test]
+    fn candidates_are_sound() {
+        for signal in [SignalName::Ao, SignalName::Transfer] {
+            let mut base = Recipe::default();
+            base.bake.signal = signal;
+            let full = candidates(&base, 1000, Range::Full);
+            let mut names: Vec<&str> = full.iter().map(|c| c.name.as_str()).collect();
+            names.sort_unstable();
+            names.dedup();
+            assert_eq!(names.len(), full.len());
+            assert!(full.iter().all(|c| Checked::new(&c.recipe).is_ok()));
+            let quick = candidates(&base, 1000, Range::Quick);
+            assert!(quick.iter().all(|c| full.contains(c)));
+        }
+    }
+}
