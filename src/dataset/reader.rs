@@ -199,9 +199,19 @@ impl Dataset {
     /// # Errors
     /// [`Error::NoTraining`], [`Error::MissingBlock`], and those of reading the noise.
     pub fn training(&self) -> Result<Training<'_>, Error> {
+        self.training_without(&[])
+    }
+
+    /// [`Dataset::training`] without the poses of some clips, by index: to try a fit on them.
+    ///
+    /// # Errors
+    /// As [`Dataset::training`].
+    pub fn training_without(&self, clips: &[i32]) -> Result<Training<'_>, Error> {
         let layout = &self.header.layout;
-        let poses: Vec<usize> =
-            (0..layout.poses).filter(|&pose| self.poses.splits[pose] == TRAINING).collect();
+        let seen = |&pose: &usize| {
+            self.poses.splits[pose] == TRAINING && !clips.contains(&self.poses.clips[pose])
+        };
+        let poses: Vec<usize> = (0..layout.poses).filter(seen).collect();
         if poses.is_empty() {
             return Err(Error::NoTraining { path: self.root.clone() });
         }

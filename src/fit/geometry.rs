@@ -4,7 +4,9 @@ use std::ops::Range;
 
 use glam::{Affine3A, Quat, Vec3};
 
+use crate::model::Signal;
 use crate::rig::{Bones, Deformed, Mesh, Points, Pose, RigidFrame, Skeleton, deform};
+use crate::sh::Order;
 
 /// The rigged mesh and the training poses, in the order of [`crate::dataset::Training`].
 #[derive(Debug)]
@@ -17,6 +19,10 @@ pub struct Geometry<'a> {
     pub points: &'a Points,
     /// Which bone each point sits on.
     pub bones: &'a Bones,
+    /// What the training data are.
+    pub signal: Signal,
+    /// Bands of the data; not looked at for `ao`.
+    pub order: Order,
     /// Every training pose with its root frame.
     pub poses: Vec<(&'a Pose, RigidFrame)>,
 }

@@ -43,8 +43,7 @@ pub use multilinear::{MultilinearSizes, PointClusters};
 pub use report::{FitReport, OccluderReport};
 
 use crate::dataset::Training;
-use crate::model::{Decoder, Frame, Occluders, Signal, TrainingSummary};
-use crate::sh::Order;
+use crate::model::{Decoder, Frame, Occluders, TrainingSummary};
 use report::Clock;
 use source::Source;
 
@@ -158,7 +157,7 @@ pub fn fit(training: &Training<'_>, settings: &Settings) -> Result<Fitted, Error
     fit_posed(training, settings, None)
 }
 
-/// [`fit`] with the posed mesh and the signal that the data are, for what settings ask of it.
+/// [`fit`] with the posed mesh, for settings that ask for it.
 ///
 /// # Errors
 /// As [`fit`].
@@ -168,12 +167,12 @@ pub fn fit(training: &Training<'_>, settings: &Settings) -> Result<Fitted, Error
 pub fn fit_posed(
     training: &Training<'_>,
     settings: &Settings,
-    posed: Option<(&Geometry<'_>, Signal, Order)>,
+    geometry: Option<&Geometry<'_>>,
 ) -> Result<Fitted, Error> {
     check(settings)?;
     let mut clock = Clock::start();
     let mut source = Source::new(training, settings.frame)?;
-    let explained = explain(&mut source, training, settings, posed)?;
+    let explained = explain(&mut source, training, settings, geometry)?;
     if explained.is_some() {
         clock.lap("occluders_s");
     }
@@ -211,16 +210,16 @@ fn explain<'a>(
     source: &mut Source<'a>,
     training: &'a Training<'_>,
     settings: &Settings,
-    posed: Option<(&'a Geometry<'a>, Signal, Order)>,
+    geometry: Option<&'a Geometry<'a>>,
 ) -> Result<Option<(Occluders, OccluderReport)>, Error> {
     if !settings.unshadowed && settings.spheres.is_none() {
         return Ok(None);
     }
-    let (geometry, signal, order) = posed.ok_or(Error::NeedsGeometry)?;
+    let geometry = geometry.ok_or(Error::NeedsGeometry)?;
     assert_eq!(geometry.poses.len(), training.poses(), "poses of the geometry");
     assert_eq!(geometry.points.count(), training.points(), "points of the geometry");
     let turns = training.bone_rotations();
-    let explained = occluder::Explained::new(geometry, (signal, order), settings, turns);
+    let explained = occluder::Explained::new(geometry, settings, turns);
     source.explain(explained);
     let Some(spheres) = settings.spheres else { return Ok(None) };
     let mut placed = occluder::place(geometry, turns, spheres)?;

@@ -201,6 +201,13 @@ pub fn multiply_grouped(isa: Isa, left: &Panels, groups: &Groups, right: &[f32],
     dispatch!(isa, grouped(left, groups, right, out));
 }
 
+/// Runs plain loops compiled for an instruction set: whatever is inlined into `work` is. The loops
+/// give the same bytes on all of them, since the compiler fuses no multiply with an add.
+#[inline]
+pub fn run<R>(isa: Isa, work: impl FnOnce() -> R) -> R {
+    dispatch!(isa, run(work))
+}
+
 /// Nothing but multiply-adds in registers, in independent chains of `rounds` each: the machine's
 /// own peak, which benchmarks compare with. The result only keeps it from vanishing.
 #[must_use]

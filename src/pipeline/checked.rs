@@ -184,7 +184,11 @@ fn checked_fit(fit: &FitRecipe, on: OnName) -> Result<fit::Settings, RecipeError
         require((1..=4096).contains(&size), field, size, "it must be 1 to 4096")?;
     }
     let family = match fit.family {
-        FamilyName::Mean | FamilyName::Occluder => fit::Family::Mean,
+        FamilyName::Mean => fit::Family::Mean,
+        FamilyName::Occluder if fit.inputs.is_none() => fit::Family::Mean,
+        FamilyName::Occluder => {
+            fit::Family::PcaLinear { inputs: inputs as usize, outputs: outputs as usize }
+        }
         FamilyName::Linear => fit::Family::Linear,
         FamilyName::PcaLinear => match retaining(fit)? {
             Some((inputs, outputs)) => fit::Family::PcaRetaining { inputs, outputs },

@@ -6,16 +6,17 @@ use super::reference::job_for;
 use super::{Error, Job, job_of, recipe_of};
 use crate::dataset::{Dataset, Training};
 use crate::model::{Model, RigHeader};
-use crate::pose::Split;
+use crate::pose::{Sample, Split};
 
 /// The training poses of a data set in the parametrisation that a recipe's fit asks for, and the
 /// rig whose columns these are.
 pub(super) fn training<'a>(
     dataset: &'a Dataset,
     recipe: &Recipe,
+    left_out: &[i32],
 ) -> Result<(Training<'a>, RigHeader), Error> {
     let stored = recipe_of(dataset)?.poses.parametrisation;
-    let training = with_skin(dataset.training()?, dataset, recipe)?;
+    let training = with_skin(dataset.training_without(left_out)?, dataset, recipe)?;
     match recipe.fit.parametrisation {
         Some(asked) if asked != stored => {
             let job = job_in(dataset, recipe)?;
@@ -24,13 +25,18 @@ pub(super) fn training<'a>(
             let rows = job.poses.parameters.chunks_exact(columns.len().max(1));
             let of_training = job.poses.samples.iter().zip(rows);
             let parameters = of_training
-                .filter(|(sample, _)| sample.split == Split::Training)
+                .filter(|(sample, _)| is_training(sample, left_out))
                 .flat_map(|(_, row)| row.iter().copied())
                 .collect();
             Ok((training.with_parameters(parameters, names), super::describe::rig_header(&job)))
         }
         _ => Ok((training, stored_rig(dataset)?)),
     }
+}
+
+/// Whether a fit that leaves these clips out sees a pose.
+pub(super) fn is_training(sample: &Sample, left_out: &[i32]) -> bool {
+    sample.split == Split::Training && !left_out.contains(&(sample.clip as i32))
 }
 
 /// Adds the skin weights where the family goes by them.

@@ -5,14 +5,13 @@ use std::time::Instant;
 
 use serde_json::Value;
 
-use super::recipe::Recipe;
+use super::recipe::{DEFAULT_INPUTS, DEFAULT_OUTPUTS, Recipe};
 use super::{Checked, Error, Hashes, Job, encoding};
 use crate::dataset::{Dataset, Training};
 use crate::fit::{self, FitReport, Fitted};
 use crate::model::{
     self, FORMAT_VERSION, Frame, Header, MeshIdentity, Model, PartRange, Provenance, RigHeader,
 };
-use crate::pose::Split;
 
 /// A model with the story of its fit.
 #[derive(Debug)]
@@ -32,20 +31,42 @@ pub struct FittedModel {
 /// # Errors
 /// What the stages object to.
 pub fn fit(dataset: &Dataset, recipe: &Recipe) -> Result<FittedModel, Error> {
+    fit_without(dataset, recipe, &[])
+}
+
+/// [`fit`] without the training poses of some clips, by index: to try the recipe on them. The
+/// parametrisation is the data set's, for which those clips had a say in what varies.
+///
+/// # Errors
+/// As [`fit`].
+pub fn fit_without(
+    dataset: &Dataset,
+    recipe: &Recipe,
+    left_out: &[i32],
+) -> Result<FittedModel, Error> {
     let checked = Checked::new(recipe)?;
     let mut settings = checked.fit;
     if dataset.header().layout.parameters == 0 {
         settings.family = fit::Family::Mean;
     }
-    if dataset.header().attributes.signal == "ao" {
+    let is_ao = dataset.header().attributes.signal == "ao";
+    if is_ao {
         // A scalar has no frame; but occluders are grouped by the points' bones.
         settings.frame = if settings.spheres.is_some() { Frame::Bone } else { Frame::Root };
     }
+    if settings.spheres.is_some() && settings.family == fit::Family::Mean && !is_ao {
+        // A mean of every coefficient would be larger than all the rest.
+        settings.family = fit::Family::PcaLinear {
+            inputs: DEFAULT_INPUTS as usize,
+            outputs: recipe.fit.outputs.unwrap_or(DEFAULT_OUTPUTS) as usize,
+        };
+    }
     let start = Instant::now();
-    let (training, rig) = encoding::training(dataset, recipe)?;
+    let (training, rig) = encoding::training(dataset, recipe, left_out)?;
     let job = (settings.unshadowed || settings.spheres.is_some()).then(|| super::job_of(dataset));
     let job = job.transpose()?;
-    let fitted = fit_sizes(&training, settings, recipe, job.as_ref())?;
+    let fitted =
+        fit_sizes(&training, settings, recipe, job.as_ref().map(|job| geometry(job, left_out)))?;
     let fit_s = start.elapsed().as_secs_f64();
     let Fitted { decoder, training, report, occluders } = fitted;
     let kind = (decoder.family(), settings.frame);
@@ -65,14 +86,10 @@ fn fit_sizes(
     training: &Training,
     mut settings: fit::Settings,
     recipe: &Recipe,
-    job: Option<&Job>,
+    geometry: Option<fit::Geometry<'_>>,
 ) -> Result<Fitted, Error> {
-    let geometry = job.map(geometry);
-    let posed = job
-        .zip(geometry.as_ref())
-        .map(|(job, geometry)| (geometry, job.checked.bake.signal, job.checked.bake.order));
     loop {
-        let error = match fit::fit_posed(training, &settings, posed) {
+        let error = match fit::fit_posed(training, &settings, geometry.as_ref()) {
             Ok(fitted) => return Ok(fitted),
             Err(error) => error,
         };
@@ -96,9 +113,12 @@ fn fit_sizes(
 }
 
 /// The job's mesh at its training poses.
-fn geometry(job: &Job) -> fit::Geometry<'_> {
-    let training = job.poses.samples.iter().filter(|sample| sample.split == Split::Training);
+fn geometry<'a>(job: &'a Job, left_out: &[i32]) -> fit::Geometry<'a> {
+    let training =
+        job.poses.samples.iter().filter(|sample| encoding::is_training(sample, left_out));
     fit::Geometry {
+        signal: job.checked.bake.signal,
+        order: job.checked.bake.order,
         skeleton: &job.scene.skeleton,
         mesh: &job.scene.mesh,
         points: &job.poses.points,

@@ -26,14 +26,15 @@ pub fn import(path: &Path) -> Result<Scene, Error> {
 
 /// A posed mesh by points, root frame.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub(super) struct PointSurface {
+pub struct PointSurface {
     positions: Vec<Vec3>,
     normals: Vec<Vec3>,
 }
 
 impl PointSurface {
     /// As a model takes it.
-    pub(super) fn as_surface(&self) -> Surface<'_> {
+    #[must_use]
+    pub fn as_surface(&self) -> Surface<'_> {
         Surface { positions: &self.positions, normals: &self.normals }
     }
 }
@@ -157,7 +158,8 @@ impl Job {
     }
 
     /// The points of one pose in the character's root frame.
-    pub(super) fn surface(&self, pose: usize) -> PointSurface {
+    #[must_use]
+    pub fn surface(&self, pose: usize) -> PointSurface {
         let Deformed { positions, normals } = self.deformed(pose);
         let of_points = |vectors: &[Vec3]| {
             self.poses.points.vertex.iter().map(|&vertex| vectors[vertex as usize]).collect()

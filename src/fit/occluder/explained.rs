@@ -58,11 +58,11 @@ pub(super) fn chunks(bone_of_point: &[u16]) -> Vec<Chunk> {
 impl<'a> Explained<'a> {
     pub(in crate::fit) fn new(
         geometry: &'a Geometry<'a>,
-        kind: (Signal, Order),
         settings: &Settings,
         turns: &'a [Quat],
     ) -> Self {
         let rotations = (settings.frame == Frame::Bone).then_some(turns);
+        let kind = (geometry.signal, geometry.order);
         Self { geometry, kind, rotations, unshadowed: settings.unshadowed, occluders: None }
     }
 
@@ -157,7 +157,9 @@ impl<'a> Explained<'a> {
         for ((&centre, &radius), &group) in centres.iter().zip(&placed.occluders.radii).zip(groups)
         {
             let centre = into_bone(turn, centre).to_array();
-            see(&View::new(&position, &normal, centre, radius), usize::from(group));
+            if let Some(view) = View::new(&position, &normal, centre, radius) {
+                see(&view, usize::from(group));
+            }
         }
     }
 }

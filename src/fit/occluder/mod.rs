@@ -233,8 +233,8 @@ struct Solver {
     shared: Vec<f64>,
     /// The same without each fold.
     shared_folds: Vec<Vec<f64>>,
-    /// Mean energy of a point's features.
-    scale: Vec<f64>,
+    /// Mean energy of a group's features at a point.
+    scale: f64,
     fixed: Option<f64>,
 }
 
@@ -254,14 +254,13 @@ impl Solver {
         Self {
             shared: share(&pooled.all),
             shared_folds: pooled.folds.iter().map(share).collect(),
-            scale: energy.iter().map(|energy| energy / points as f64).collect(),
+            scale: energy.iter().sum::<f64>() / (points * groups).max(1) as f64,
             fixed,
         }
     }
 
     fn weights(&self, moments: &Moments, prior: &[f64], penalty: f64) -> Vec<f64> {
-        let penalties: Vec<f64> = self.scale.iter().map(|scale| penalty * scale).collect();
-        moments.solve(prior, &penalties)
+        moments.solve(prior, &vec![penalty * self.scale; prior.len()])
     }
 
     /// The penalty that predicts left-out poses best, and the energy that it leaves of them.

@@ -14,7 +14,7 @@ use crate::num::linalg::{Mat, symmetric_eigen};
 use crate::rig::Deformed;
 
 /// Points that are looked at, at most: the search for balls is quadratic in them.
-const CLOUD: usize = 6000;
+const CLOUD: usize = 16_000;
 /// Largest and smallest radius of a ball, over the diagonal of the rest mesh.
 const RADII: [f32; 2] = [0.001, 0.15];
 /// What a unit of normal counts beside lengths when clusters are cut, over the same diagonal:
@@ -131,51 +131,50 @@ fn ball(position: Vec3, normal: Vec3, cloud: &[Vec3], diagonal: f32) -> f32 {
 /// A cluster with the way in which it would be split.
 struct Cluster {
     members: Vec<Sample>,
-    mean: [f64; 6],
-    axis: [f64; 6],
+    /// Of the balls' centres or of the normals, whichever vary more along their longest axis.
+    value: fn(&Sample) -> Vec3,
+    mean: Vec3,
+    axis: Vec3,
     /// Variance along the axis times the root of the area: what splitting it would gain.
     urgency: f64,
 }
 
 impl Cluster {
     fn new(members: Vec<Sample>) -> Result<Self, Error> {
-        let area: f64 = members.iter().map(|s| f64::from(s.area)).sum();
-        let mut mean = [0.0; 6];
-        for sample in &members {
-            let row = sample.row();
-            (0..6).for_each(|i| mean[i] += f64::from(sample.area) * row[i] / area);
-        }
-        let mut covariance = Mat::<f64>::zeros(6, 6);
-        for sample in &members {
-            let row = sample.row();
-            for i in 0..6 {
-                for j in 0..6 {
-                    covariance[(i, j)] +=
-                        f64::from(sample.area) / area * (row[i] - mean[i]) * (row[j] - mean[j]);
+        let area: f32 = members.iter().map(|s| s.area).sum();
+        let mut best = Self {
+            members: Vec::new(),
+            value: |s| s.ball_centre,
+            mean: Vec3::ZERO,
+            axis: Vec3::X,
+            urgency: 0.0,
+        };
+        let values: [fn(&Sample) -> Vec3; 2] = [|s| s.ball_centre, |s| s.normal];
+        for value in values.into_iter().take(if members.len() > 1 { 2 } else { 0 }) {
+            let mean: Vec3 = members.iter().map(|s| s.area * value(s)).sum::<Vec3>() / area;
+            let mut covariance = Mat::<f64>::zeros(3, 3);
+            for sample in &members {
+                let offset = (value(sample) - mean).as_dvec3();
+                for i in 0..3 {
+                    for j in 0..3 {
+                        covariance[(i, j)] += f64::from(sample.area / area) * offset[i] * offset[j];
+                    }
                 }
             }
+            let (values, vectors) = symmetric_eigen(covariance.as_ref())?;
+            let urgency = values[0] * f64::from(area).sqrt();
+            if urgency > best.urgency {
+                let axis = Vec3::from_array(std::array::from_fn(|i| vectors[(i, 0)] as f32));
+                best = Self { value, mean, axis, urgency, ..best };
+            }
         }
-        let (values, vectors) = symmetric_eigen(covariance.as_ref())?;
-        let axis = std::array::from_fn(|i| vectors[(i, 0)]);
-        let urgency = if members.len() > 1 { values[0] * area.sqrt() } else { 0.0 };
-        Ok(Self { members, mean, axis, urgency })
+        Ok(Self { members, ..best })
     }
 
     fn split(self) -> [Vec<Sample>; 2] {
-        let side = |sample: &Sample| {
-            let row = sample.row();
-            (0..6).map(|i| (row[i] - self.mean[i]) * self.axis[i]).sum::<f64>() > 0.0
-        };
-        let (a, b) = self.members.into_iter().partition(side);
+        let Self { members, value, mean, axis, .. } = self;
+        let (a, b) = members.into_iter().partition(|s| (value(s) - mean).dot(axis) > 0.0);
         [a, b]
-    }
-}
-
-impl Sample {
-    /// Centre of the ball and normal, in which clusters are compact.
-    fn row(&self) -> [f64; 6] {
-        let (p, n) = (self.ball_centre.to_array(), self.normal.to_array());
-        [p[0], p[1], p[2], n[0], n[1], n[2]].map(f64::from)
     }
 }
 

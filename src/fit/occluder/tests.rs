@@ -60,8 +60,10 @@ impl Puppet {
         Self { skeleton, mesh, points, bones, poses }
     }
 
-    fn geometry(&self) -> Geometry<'_> {
+    fn geometry(&self, signal: Signal, order: Order) -> Geometry<'_> {
         Geometry {
+            signal,
+            order,
             skeleton: &self.skeleton,
             mesh: &self.mesh,
             points: &self.points,
@@ -138,10 +140,10 @@ fn exact(
     order: Order,
     weight: impl Fn(usize, usize) -> f32,
 ) -> Vec<f32> {
-    let geometry = puppet.geometry();
+    let geometry = puppet.geometry(signal, order);
     let turns = puppet.turns();
     let root = Settings { frame: Frame::Root, ..settings(signal) };
-    let mut explained = Explained::new(&geometry, (signal, order), &root, &turns);
+    let mut explained = Explained::new(&geometry, &root, &turns);
     let mut placed = place(&geometry, &turns, 12).unwrap();
     let groups = placed.occluders.groups(puppet.points.count());
     for (i, out) in placed.occluders.weights.iter_mut().enumerate() {
@@ -160,7 +162,8 @@ fn exact(
 #[test]
 fn spheres_fill_the_limbs() {
     let puppet = Puppet::new();
-    let (geometry, turns) = (puppet.geometry(), puppet.turns());
+    let order = Order::new(1).unwrap();
+    let (geometry, turns) = (puppet.geometry(Signal::Ao, order), puppet.turns());
     let placed = place(&geometry, &turns, 12).unwrap();
     let occluders = &placed.occluders;
     assert_eq!(occluders.spheres(), 12);
@@ -187,9 +190,8 @@ fn what_spheres_block_is_found_again() {
         let weight = |point: usize, group: usize| 0.5 + 0.1 * ((point + 3 * group) % 7) as f32;
         let values = exact(&puppet, signal, order, weight);
         let training = puppet.training(signal.coefficients(order), values);
-        let geometry = puppet.geometry();
-        let posed = Some((&geometry, signal, order));
-        let fitted = fit_posed(&training, &settings(signal), posed).unwrap();
+        let geometry = puppet.geometry(signal, order);
+        let fitted = fit_posed(&training, &settings(signal), Some(&geometry)).unwrap();
         let report = fitted.report.occluders.clone().unwrap();
         assert!(report.training_rmse < 0.02 * report.spread_rms, "{signal} {report:?}");
         assert!(report.left_out_rmse.unwrap() < 0.1 * report.spread_rms, "{signal} {report:?}");
@@ -207,9 +209,8 @@ fn noise_leaves_shared_weights() {
     let mut stream = Stream::new(8);
     values.iter_mut().for_each(|x| *x += 0.05 * stream.normal() as f32);
     let training = puppet.training(1, values);
-    let geometry = puppet.geometry();
-    let posed = Some((&geometry, Signal::Ao, order));
-    let report = fit_posed(&training, &settings(Signal::Ao), posed).unwrap().report;
+    let geometry = puppet.geometry(Signal::Ao, order);
+    let report = fit_posed(&training, &settings(Signal::Ao), Some(&geometry)).unwrap().report;
     let report = report.occluders.unwrap();
     assert!(report.penalty >= 1.0, "{report:?}");
     assert!(report.shared.iter().take(1).all(|w| w.is_finite()), "{report:?}");
@@ -237,9 +238,8 @@ fn without_a_mesh_and_without_motion() {
         values: vec![0.5; puppet.points.count()],
         ..TrainingParts::default()
     };
-    let geometry = puppet.geometry();
+    let geometry = puppet.geometry(Signal::Ao, order);
     let training = Training::in_memory(parts);
-    let posed = Some((&geometry, Signal::Ao, order));
-    let fitted = fit_posed(&training, &settings(Signal::Ao), posed).unwrap();
+    let fitted = fit_posed(&training, &settings(Signal::Ao), Some(&geometry)).unwrap();
     assert!(fitted.occluders.unwrap().weights.iter().all(|w| w.is_finite()));
 }

@@ -28,29 +28,39 @@ pub struct View {
 }
 
 impl View {
-    /// `position` and `normal` by axis.
+    /// `position` and `normal` by axis. `None` where the sphere is below the horizon of all points
+    /// (c + s ≤ 0), so that it blocks nothing: found out before any root is taken.
     #[inline(always)]
     #[must_use]
-    pub fn new(position: &[Lanes; 3], normal: &[Lanes; 3], centre: [f32; 3], radius: f32) -> Self {
+    pub fn new(
+        position: &[Lanes; 3],
+        normal: &[Lanes; 3],
+        centre: [f32; 3],
+        radius: f32,
+    ) -> Option<Self> {
         let mut view =
             Self { direction: [[0.0; LANES]; 3], sine: [0.0; LANES], cosine: [0.0; LANES] };
-        let least = CENTRE * radius * radius;
-        for i in 0..LANES {
-            let d = [
-                centre[0] - position[0][i],
-                centre[1] - position[1][i],
-                centre[2] - position[2][i],
-            ];
-            let square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2] + least;
-            let inverse = 1.0 / square.sqrt();
-            let along = d[0] * normal[0][i] + d[1] * normal[1][i] + d[2] * normal[2][i];
-            for (lanes, d) in view.direction.iter_mut().zip(d) {
-                lanes[i] = d * inverse;
+        for axis in 0..3 {
+            for i in 0..LANES {
+                let d = centre[axis] - position[axis][i];
+                view.direction[axis][i] = d;
+                view.cosine[i] += d * normal[axis][i];
             }
-            view.sine[i] = (radius * inverse).min(1.0);
-            view.cosine[i] = along * inverse;
         }
-        view
+        let highest = view.cosine.iter().fold(f32::NEG_INFINITY, |most, &x| most.max(x));
+        if highest <= -radius {
+            return None;
+        }
+        let least = CENTRE * radius * radius;
+        let [x, y, z] = &mut view.direction;
+        for i in 0..LANES {
+            let square = x[i] * x[i] + y[i] * y[i] + z[i] * z[i] + least;
+            let inverse = 1.0 / square.sqrt();
+            (x[i], y[i], z[i]) = (x[i] * inverse, y[i] * inverse, z[i] * inverse);
+            view.sine[i] = (radius * inverse).min(1.0);
+            view.cosine[i] *= inverse;
+        }
+        Some(view)
     }
 
     /// (1/π) ∫_cap (n·ω)₊ dω: s²c above the horizon, 0 below it, and where the cap meets the

@@ -5,6 +5,8 @@ use glam::Vec3;
 use super::caps::{LANES, Lanes, View};
 use super::{Occluders, Surface};
 use crate::model::Signal;
+use crate::num::cpu::Isa;
+use crate::num::kernels::run;
 use crate::sh::{MAX_BANDS, MAX_COEFFICIENTS, Order, evaluate_lanes};
 
 /// Points of one bone that are looked at together, and their weights.
@@ -55,31 +57,53 @@ impl Seen {
         kind: (Signal, Order),
         out: &mut [f32],
     ) {
-        let count = kind.0.coefficients(kind.1);
-        let width = out.len() / surface.positions.len();
-        let mut sums = [[0.0; LANES]; MAX_COEFFICIENTS];
+        let isa = Isa::best();
         for chunk in &self.chunks {
-            let sums = &mut sums[..count];
-            sums.fill([0.0; LANES]);
-            let (position, normal) = gather(surface, &chunk.points);
             let first = usize::from(chunk.bone) * centres.len();
             let groups = &occluders.group_of[first..first + centres.len()];
-            for ((centre, &radius), &group) in centres.iter().zip(&occluders.radii).zip(groups) {
-                let view = View::new(&position, &normal, centre.to_array(), radius);
-                add(&view, kind, &chunk.weights[usize::from(group)], sums);
-            }
-            for (lane, &point) in chunk.points[..chunk.count].iter().enumerate() {
-                let row = &mut out[point as usize * width..][..width];
-                for channel in row.chunks_exact_mut(count) {
-                    channel.iter_mut().zip(&*sums).for_each(|(out, sum)| *out -= sum[lane]);
-                }
-            }
+            let spheres = Spheres { centres, radii: &occluders.radii, groups };
+            run(isa, || subtract_chunk(chunk, &spheres, surface, kind, out));
+        }
+    }
+}
+
+/// The spheres as the points of one bone see them.
+struct Spheres<'a> {
+    centres: &'a [Vec3],
+    radii: &'a [f32],
+    groups: &'a [u8],
+}
+
+#[inline(always)]
+fn subtract_chunk(
+    chunk: &Chunk,
+    spheres: &Spheres<'_>,
+    surface: Surface<'_>,
+    kind: (Signal, Order),
+    out: &mut [f32],
+) {
+    let count = kind.0.coefficients(kind.1);
+    let width = out.len() / surface.positions.len();
+    let mut sums = [[0.0; LANES]; MAX_COEFFICIENTS];
+    let sums = &mut sums[..count];
+    let (position, normal) = gather(surface, &chunk.points);
+    let all = spheres.centres.iter().zip(spheres.radii).zip(spheres.groups);
+    for ((centre, &radius), &group) in all {
+        if let Some(view) = View::new(&position, &normal, centre.to_array(), radius) {
+            add(&view, kind, &chunk.weights[usize::from(group)], sums);
+        }
+    }
+    for (lane, &point) in chunk.points[..chunk.count].iter().enumerate() {
+        let row = &mut out[point as usize * width..][..width];
+        for channel in row.chunks_exact_mut(count) {
+            channel.iter_mut().zip(&*sums).for_each(|(out, sum)| *out -= sum[lane]);
         }
     }
 }
 
 /// Positions and normals of the listed points, by axis.
-pub(super) fn gather(surface: Surface<'_>, points: &[u32; LANES]) -> ([Lanes; 3], [Lanes; 3]) {
+#[inline(always)]
+fn gather(surface: Surface<'_>, points: &[u32; LANES]) -> ([Lanes; 3], [Lanes; 3]) {
     let (mut position, mut normal) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
     for (lane, &point) in points.iter().enumerate() {
         let p = surface.positions[point as usize].to_array();

@@ -25,6 +25,10 @@ fn multiply_add(a: f32, b: f32, sum: f32) -> f32 {
     }
 }
 
+pub(in crate::num::kernels) fn run<R>(work: impl FnOnce() -> R) -> R {
+    work()
+}
+
 /// Adds N columns of 8 rows from `start` on to the sums.
 #[inline]
 fn add<const N: usize>(lanes: &Lanes, start: usize, right: [f32; N], sums: &mut [[f32; PASS]; N]) {

@@ -144,6 +144,11 @@ macro_rules! kernels {
             }
 
             #[target_feature(enable = $feature)]
+            pub(in crate::num::kernels) fn run<R>(work: impl FnOnce() -> R) -> R {
+                work()
+            }
+
+            #[target_feature(enable = $feature)]
             pub(in crate::num::kernels) fn exercise(rounds: u64, a: f32, b: f32) -> f32 {
                 let (a, b) = ($set1(a), $set1(b));
                 let mut sums = [a; CHAINS];

@@ -109,8 +109,8 @@ pub enum FamilyName {
     PcaLinear,
     /// Linear around each of several poses, blended (Kirk and Arikan 2007).
     Multilinear,
-    /// What spheres on the bones block, weighted at each vertex, about a mean; evaluation needs the
-    /// posed mesh.
+    /// What spheres on the bones block, weighted at each vertex, and `pca-linear` of what they leave
+    /// (for ambient occlusion its mean, unless `inputs` are given); evaluation needs the posed mesh.
     Occluder,
     /// Clusters of points, each linear in the reduced pose (Nowrouzezahrai et al. 2009).
     ClusteredLinear,
