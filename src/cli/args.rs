@@ -145,6 +145,12 @@ pub(crate) struct BakeFlags {
     /// How often other surfaces pass light on, 0 to 8, for the signal transfer [default: 0].
     #[arg(long, value_name = "N")]
     bounces: Option<u32>,
+    /// One more round of so many rays at each vertex (may be repeated).
+    #[arg(long, value_name = "N")]
+    more_rays: Vec<u32>,
+    /// Compute each pose's normals from its triangles, for shapes whose own do not follow.
+    #[arg(long)]
+    recompute_normals: bool,
     /// Fit vertices by least squares to this many samples each, spread over the surface.
     #[arg(long, value_name = "SAMPLES")]
     vertex_fit: Option<u32>,
@@ -186,6 +192,9 @@ pub(crate) struct BakeArgs {
     /// The data set to write, or to continue.
     #[arg(short, long, value_name = "DATASET")]
     pub(crate) output: PathBuf,
+    /// Take over what this earlier data set has of the same poses: more poses, or more rays.
+    #[arg(long, value_name = "DATASET")]
+    pub(crate) from: Option<PathBuf>,
     /// Print rays, bytes, memory and time, and bake nothing.
     #[arg(long)]
     pub(crate) dry_run: bool,
@@ -308,6 +317,10 @@ impl BakeFlags {
         set(&mut bake.seed, self.seed);
         set(&mut bake.bounces, self.bounces);
         bake.albedo = self.albedo.or(bake.albedo);
+        if !self.more_rays.is_empty() {
+            bake.more_rays.clone_from(&self.more_rays);
+        }
+        bake.recompute_normals |= self.recompute_normals;
         bake.vertex_fit = self.vertex_fit.or(bake.vertex_fit);
         set(&mut recipe.poses.seed, self.seed);
         if self.max_distance.is_some() {

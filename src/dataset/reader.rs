@@ -190,6 +190,24 @@ impl Dataset {
         self.rows("noise", &self.noise, 1).read(poses, points, out)
     }
 
+    /// The rays that were traced at each point of a pose.
+    ///
+    /// # Errors
+    /// As [`Dataset::read_points`].
+    ///
+    /// # Panics
+    /// If the pose does not exist or `out` is not one number per point.
+    pub fn read_rays(&self, pose: usize, out: &mut [u32]) -> Result<(), Error> {
+        let layout = &self.header.layout;
+        assert!(pose < layout.poses && out.len() == layout.points, "pose {pose}");
+        let [_, _, rays] = arrays::blocks(layout);
+        let block = pose / layout.block_poses;
+        let path = rays.chunk_path(&self.root, &[block]);
+        let file = std::fs::File::open(&path).map_err(Error::io("read", &path))?;
+        let before = (pose - layout.poses_of(block).start) * layout.points;
+        values::read_at(&file, &path, before as u64, out)
+    }
+
     fn rows<'a>(&'a self, name: &'static str, array: &'a Array, row: usize) -> Rows<'a> {
         Rows { root: &self.root, layout: &self.header.layout, name, array, row }
     }

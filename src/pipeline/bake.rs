@@ -6,10 +6,12 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+use super::earlier::{self, Earlier};
 use super::progress::{Progress, Stage, Watch};
 use super::{Error, Job, describe};
-use crate::bake::{BakedPose, Baker, PosedMesh};
+use crate::bake::{self, BakedPose, Baker, PosedMesh};
 use crate::dataset::{self, Layout, PoseData, Writer};
+use crate::num::random::hash;
 use crate::rig::Deformed;
 
 /// What a bake did.
@@ -33,18 +35,34 @@ pub struct Baked {
 /// # Errors
 /// [`Error::Cancelled`] when the caller asked to stop, and what the stages object to.
 pub fn bake(job: &Job, path: &Path, watch: &Watch) -> Result<Baked, Error> {
-    let header = describe::header(job)?;
+    bake_from(job, path, None, watch)
+}
+
+/// As [`bake`], taking over what the data set at `from` has of the same poses: the bytes are those
+/// of a bake from nothing.
+///
+/// # Errors
+/// As [`bake`]; [`Error::Earlier`] where nothing can be taken.
+pub fn bake_from(
+    job: &Job,
+    path: &Path,
+    from: Option<&Path>,
+    watch: &Watch,
+) -> Result<Baked, Error> {
+    let earlier = from.map(|from| Earlier::open(from, job)).transpose()?;
+    let mut header = describe::header(job)?;
+    header.attributes.lineage.extend(earlier.as_ref().map(|earlier| earlier.lineage(job)));
     let mut writer = Writer::open(path, &header, &describe::tables(job))?;
     let missing = writer.missing_blocks();
     let layout = *writer.layout();
-    let baker = job.baker(&job.checked.bake, job.checked.noise)?;
+    let rounds = Rounds::new(job, earlier)?;
     let mut tally = Tally::new(&layout, &missing);
     tally.tell(watch);
 
     let (send, receive) = sync_channel::<(usize, Vec<BakedPose>)>(1);
     std::thread::scope(|scope| {
         let committer = scope.spawn(move || commit(&mut writer, receive));
-        let baked = bake_blocks(job, &baker, &layout, &missing, &send, &mut tally, watch);
+        let baked = bake_blocks(job, &rounds, &layout, &missing, &send, &mut tally, watch);
         drop(send);
         let committed = committer.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         // A failed write makes the next send fail; the write's own error is the one to tell.
@@ -80,7 +98,7 @@ fn pose_data(pose: &BakedPose) -> PoseData<'_> {
 
 fn bake_blocks(
     job: &Job,
-    baker: &Baker,
+    rounds: &Rounds,
     layout: &Layout,
     missing: &[usize],
     committer: &SyncSender<(usize, Vec<BakedPose>)>,
@@ -89,8 +107,8 @@ fn bake_blocks(
 ) -> Result<(), Error> {
     for &block in missing {
         let poses: Vec<usize> = layout.poses_of(block).collect();
-        let baked = bake_poses(job, baker, &poses, watch).map_err(|error| tally.name(error))?;
-        tally.count(&baked);
+        let (baked, rays) = rounds.bake(job, &poses, watch).map_err(|error| tally.name(error))?;
+        tally.count(baked.len(), rays);
         if committer.send((block, baked)).is_err() {
             return Ok(());
         }
@@ -98,6 +116,58 @@ fn bake_blocks(
     }
     Ok(())
 }
+
+/// The rounds of a bake, and what an earlier one has of them.
+struct Rounds {
+    bakers: Vec<Baker>,
+    earlier: Option<Earlier>,
+}
+
+impl Rounds {
+    fn new(job: &Job, earlier: Option<Earlier>) -> Result<Self, Error> {
+        let mut bakers = vec![job.baker(&job.checked.bake, job.checked.noise)?];
+        for (round, &rays) in (1..).zip(&job.recipe.bake.more_rays) {
+            let seed = hash(&[job.checked.bake.seed, ROUND_KEY, round]);
+            bakers.push(job.baker(&bake::Settings { rays, seed, ..job.checked.bake }, None)?);
+        }
+        Ok(Self { bakers, earlier })
+    }
+
+    /// Bakes what is lacking of some poses; says how many rays that took.
+    fn bake(
+        &self,
+        job: &Job,
+        poses: &[usize],
+        watch: &Watch,
+    ) -> Result<(Vec<BakedPose>, u64), Error> {
+        let found =
+            |&pose: &usize| self.earlier.as_ref().and_then(|e| Some((e, e.find(job, pose)?)));
+        let mut baked: Vec<Option<BakedPose>> = Vec::with_capacity(poses.len());
+        for pose in poses {
+            let there = found(pose).map(|(earlier, number)| earlier.read(number)).transpose()?;
+            baked.push(there);
+        }
+        let there: Vec<bool> = baked.iter().map(Option::is_some).collect();
+        let taken = self.earlier.as_ref().map_or(0, |earlier| earlier.rounds);
+        let mut rays = 0;
+        for (round, baker) in self.bakers.iter().enumerate() {
+            let lacks = |&at: &usize| !there[at] || round >= taken;
+            let lacking: Vec<usize> = (0..poses.len()).filter(lacks).collect();
+            let numbers: Vec<usize> = lacking.iter().map(|&at| poses[at]).collect();
+            for (at, new) in lacking.into_iter().zip(bake_poses(job, baker, &numbers, watch)?) {
+                rays += new.rays.iter().map(|&rays| u64::from(rays)).sum::<u64>();
+                match &mut baked[at] {
+                    Some(pose) => earlier::merge(pose, &new),
+                    empty => *empty = Some(new),
+                }
+            }
+        }
+        Ok((baked.into_iter().flatten().collect(), rays))
+    }
+}
+
+/// Tells the seeds of rounds apart.
+const ROUND_KEY: u64 = 0x0072_6f75_6e64;
 
 /// Poses and bakes some of a job's poses.
 pub(super) fn bake_poses(
@@ -126,10 +196,9 @@ impl Tally {
         Self { baked, there: layout.poses - absent, start: Instant::now() }
     }
 
-    fn count(&mut self, poses: &[BakedPose]) {
-        self.baked.poses_now += poses.len();
-        self.baked.rays +=
-            poses.iter().flat_map(|pose| &pose.rays).map(|&rays| u64::from(rays)).sum::<u64>();
+    fn count(&mut self, poses: usize, rays: u64) {
+        self.baked.poses_now += poses;
+        self.baked.rays += rays;
         self.baked.bake_s = self.start.elapsed().as_secs_f64();
     }
 
@@ -150,7 +219,7 @@ impl Tally {
     /// A cancelled bake says how far it came.
     fn name(&self, error: Error) -> Error {
         match error {
-            Error::Bake(crate::bake::Error::Cancelled) => {
+            Error::Bake(bake::Error::Cancelled) => {
                 Error::Cancelled { done: self.done(), total: self.baked.poses as u64 }
             }
             other => other,

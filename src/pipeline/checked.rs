@@ -110,6 +110,12 @@ fn checked_bake(recipe: &BakeRecipe) -> Result<bake::Settings, RecipeError> {
     checked_surroundings(recipe)?;
     checked_bounces(recipe)?;
     checked_fitting(recipe)?;
+    for &more in &recipe.more_rays {
+        let sound = (1..=bake::MOST_RAYS).contains(&more);
+        require(sound, "bake.more_rays", more, "each round must have 1 to 1000000 rays")?;
+    }
+    let rounds = recipe.more_rays.len();
+    require(rounds <= 64, "bake.more_rays", rounds, "there are at most 64 rounds")?;
     let signal = match recipe.signal {
         SignalName::Ao => bake::Signal::Ao,
         SignalName::Visibility => bake::Signal::Visibility,
@@ -384,6 +390,7 @@ mod tests {
         assert_eq!(fault(|r| r.bake.vertex_fit = Some(0)), "bake.vertex_fit");
         let bounced = |r: &mut Recipe| (r.bake.vertex_fit, r.bake.bounces) = (Some(4), 1);
         assert_eq!(fault(bounced), "bake.vertex_fit");
+        assert_eq!(fault(|r| r.bake.more_rays = vec![0]), "bake.more_rays");
         let around = "bake.surroundings.ground";
         let nowhere = Some(GroundRecipe::HeightM(f32::NAN));
         assert_eq!(fault(|r| r.bake.surroundings.ground = nowhere), around);

@@ -64,6 +64,14 @@ pub enum Error {
         /// Where and what.
         source: serde_json::Error,
     },
+    /// An earlier data set that the bake cannot take from.
+    #[error("nothing can be taken from {path}: {what}", path = path.display())]
+    Earlier {
+        /// Its folder.
+        path: PathBuf,
+        /// Why.
+        what: String,
+    },
     /// What stands around the character is not to be had, or makes no sense.
     #[error("surroundings: {0}")]
     Surroundings(String),

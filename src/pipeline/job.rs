@@ -12,7 +12,7 @@ use super::{Checked, Error};
 use crate::bake::{self, Baker, Reflectance};
 use crate::model::Surface;
 use crate::pose::{self, PoseSet};
-use crate::rig::{self, Deformed, Pose, RigidFrame};
+use crate::rig::{self, Deformed, Facets, Pose, RigidFrame};
 use crate::scene::{self, Content, Limits, Scene};
 
 /// Imports a scene within the default limits.
@@ -66,6 +66,8 @@ pub struct Job {
     pub surroundings: bake::Surroundings,
     /// What passes light on, where light bounces.
     pub reflectance: Option<Reflectance>,
+    /// What computes the normals of poses anew, where that is asked for.
+    pub facets: Option<Facets>,
 }
 
 impl Job {
@@ -99,8 +101,23 @@ impl Job {
         let surroundings = bake::Surroundings::default();
         let surface = scene.surface.take().filter(|_| recipe.bake.bounces > 0);
         let reflectance = surface.map(|surface| reflectance(surface, recipe.bake.bounces));
-        let mut job =
-            Self { scene, occluders, recipe, checked, hashes, poses, surroundings, reflectance };
+        let mut job = Self {
+            scene,
+            occluders,
+            recipe,
+            checked,
+            hashes,
+            poses,
+            surroundings,
+            reflectance,
+            facets: None,
+        };
+        if job.recipe.bake.recompute_normals {
+            let mut rest = job.rest();
+            rest.positions.truncate(job.scene.mesh.positions.len());
+            rest.normals.truncate(job.scene.mesh.positions.len());
+            job.facets = Some(Facets::new(&rest, &job.scene.mesh.triangles));
+        }
         let around = &job.recipe.bake.surroundings;
         let (resolved, notices) =
             surroundings::resolve(around, &job.scene.mesh, &job.poses, |pose| job.deformed(pose))?;
@@ -127,6 +144,9 @@ impl Job {
         let globals = self.scene.skeleton.globals(&sample.pose.local);
         let mut out = Deformed::default();
         rig::deform(&self.scene.mesh, &globals, &sample.pose.weights, sample.root, &mut out);
+        if let Some(facets) = &self.facets {
+            facets.apply(&self.scene.mesh.triangles, &mut out);
+        }
         out
     }
 

@@ -8,6 +8,7 @@ mod bake;
 mod candidates;
 mod checked;
 mod describe;
+mod earlier;
 mod encoding;
 mod error;
 mod figures;
@@ -27,7 +28,7 @@ mod surroundings;
 mod timing;
 mod tradeoff;
 
-pub use bake::{Baked, bake};
+pub use bake::{Baked, bake, bake_from};
 pub use candidates::{CandidateRecipe, Range, candidates};
 pub use checked::{Checked, RecipeError, ReferenceSettings};
 pub use error::Error;

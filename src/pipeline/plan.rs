@@ -38,7 +38,8 @@ pub fn plan(job: &Job) -> Result<Plan, Error> {
     let posed = super::bake::posed(job, 0, &first);
     let calibration = baker.calibrate(&posed, CALIBRATION_S)?;
     let points = layout.poses as f64 * layout.points as f64;
-    let rays = (points * calibration.rays_per_point).round() as u64;
+    let more = job.recipe.bake.more_rays.iter().map(|&rays| f64::from(rays)).sum::<f64>();
+    let rays = (points * (calibration.rays_per_point + more)).round() as u64;
     let mesh = &job.scene.mesh;
     let pose_bytes = layout.points as u64 * (layout.row() as u64 + 2) * 4;
     let block_bytes = pose_bytes * layout.block_poses as u64;

@@ -161,6 +161,14 @@ pub struct BakeRecipe {
     /// signal `transfer`. Reflectances are the materials' base colours.
     #[serde(skip_serializing_if = "is_zero")]
     pub bounces: u32,
+    /// Further rounds of so many rays each at every point and pose, 1 to 1,000,000 each, with
+    /// directions of their own; values are the mean over all rays.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub more_rays: Vec<u32>,
+    /// Shading normals of each pose are computed from its triangles; for morph targets and sequences
+    /// that move positions only.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub recompute_normals: bool,
     /// Values at vertices are fitted by least squares to this many samples for each vertex, all over
     /// the surface and each of `rays`, 1 to 1024; sampled at the vertices when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -191,6 +199,8 @@ impl Default for BakeRecipe {
             max_distance_m: None,
             seed: 1,
             bounces: 0,
+            more_rays: Vec::new(),
+            recompute_normals: false,
             vertex_fit: None,
             albedo: None,
             surroundings: SurroundingsRecipe::default(),

@@ -10,6 +10,7 @@
 mod angles;
 mod bones;
 mod deform;
+mod facets;
 mod frame;
 mod handles;
 mod mesh;
@@ -24,6 +25,7 @@ mod upright;
 
 pub use bones::{Bones, bone_rotations, carried_weight, root_frame, root_node};
 pub use deform::{Deformed, deform};
+pub use facets::Facets;
 pub use frame::{RigidFrame, in_root};
 pub use mesh::{Deformer, Influence, Mesh, MorphTarget, Part};
 pub use parametrisation::{Column, LEAST_DEVIATION, Parametrisation, ParametrisationKind, Source};

@@ -14,7 +14,8 @@ pub(in crate::cli) fn bake(args: &BakeArgs, watch: &Watch) -> anyhow::Result<Ans
     if args.dry_run {
         return Ok(planned(&job, &pipeline::plan(&job)?));
     }
-    let baked = pipeline::bake(&job, &args.output, watch)?;
+    let from = args.from.as_deref();
+    let baked = pipeline::bake_from(&job, &args.output, from, watch)?;
     let text = format!("{}\n{}", args.output.display(), summary(&job, &baked));
     let json = json!({ "dataset": args.output, "bake": figures(&baked), "notices": notices(&job) });
     Ok(Answer::new(text, json))

@@ -1,0 +1,124 @@
+//! What an earlier bake of the same scene has already: poses, and rounds of rays at them.
+//!
+//! What a pose gets depends on its clip's name and time, never on its index, and rounds are merged
+//! one after the other. So a data set that takes over what is there has the bytes of one that was
+//! baked at once.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use super::recipe::surroundings::GroundRecipe;
+use super::recipe::{BakeRecipe, Recipe};
+use super::{Error, Job, recipe_of};
+use crate::bake::BakedPose;
+use crate::dataset::Dataset;
+
+/// An earlier data set.
+#[derive(Debug)]
+pub(super) struct Earlier {
+    dataset: Dataset,
+    /// Clip's name and bits of the time → pose.
+    poses: HashMap<(String, u32), usize>,
+    /// Rounds that its poses have, the first included.
+    pub(super) rounds: usize,
+}
+
+impl Earlier {
+    /// Opens a data set and says whether the job may take from it.
+    pub(super) fn open(path: &Path, job: &Job) -> Result<Self, Error> {
+        let dataset = Dataset::open(path)?;
+        let recipe = recipe_of(&dataset)?;
+        let refuse = |what: String| Error::Earlier { path: path.to_path_buf(), what };
+        if let Some(what) = difference(&recipe, &job.recipe) {
+            return Err(refuse(what));
+        }
+        let scene = &dataset.header().attributes.hashes.get("scene").cloned().unwrap_or_default();
+        if *scene != job.hashes.scene {
+            return Err(refuse("it is of another scene".into()));
+        }
+        let names = &dataset.header().attributes.clip_names;
+        let name = |clip: i32| {
+            let clip = usize::try_from(clip).ok().and_then(|clip| names.get(clip));
+            clip.cloned().unwrap_or_default()
+        };
+        let poses = dataset.clips().iter().zip(dataset.times_s()).enumerate();
+        let poses = poses.map(|(pose, (&clip, time))| ((name(clip), time.to_bits()), pose));
+        let (poses, rounds) = (poses.collect(), 1 + recipe.bake.more_rays.len());
+        if !dataset.is_complete() {
+            return Err(refuse("it is not complete; continue it first".into()));
+        }
+        Ok(Self { dataset, poses, rounds })
+    }
+
+    /// The pose's number in the earlier data set.
+    pub(super) fn find(&self, job: &Job, pose: usize) -> Option<usize> {
+        let sample = &job.poses.samples[pose];
+        let name = job.poses.clip_names.get(sample.clip).cloned().unwrap_or_default();
+        self.poses.get(&(name, sample.time_s.to_bits())).copied()
+    }
+
+    /// What a pose has.
+    pub(super) fn read(&self, pose: usize) -> Result<BakedPose, Error> {
+        let layout = &self.dataset.header().layout;
+        let points = layout.points;
+        let mut baked = BakedPose {
+            coefficients: vec![0.0; points * layout.row()],
+            noise: vec![0.0; points],
+            rays: vec![0; points],
+        };
+        self.dataset.read_points(&[pose], 0..points, &mut baked.coefficients)?;
+        self.dataset.read_noise(&[pose], 0..points, &mut baked.noise)?;
+        self.dataset.read_rays(pose, &mut baked.rays)?;
+        Ok(baked)
+    }
+
+    /// What the new data set says of where it comes from.
+    pub(super) fn lineage(&self, job: &Job) -> serde_json::Value {
+        let taken = (0..job.poses.samples.len()).filter(|&p| self.find(job, p).is_some()).count();
+        serde_json::json!({
+            "from": self.dataset.header().attributes.hashes.get("bake"),
+            "poses_taken": taken,
+            "rounds_taken": self.rounds,
+        })
+    }
+}
+
+/// Why values of one recipe's bake are not those of the other's.
+fn difference(earlier: &Recipe, now: &Recipe) -> Option<String> {
+    let without = |bake: &BakeRecipe| BakeRecipe { more_rays: Vec::new(), ..bake.clone() };
+    if without(&earlier.bake) != without(&now.bake) {
+        return Some("its signal, rays, seed or surroundings are others".into());
+    }
+    if !now.bake.more_rays.starts_with(&earlier.bake.more_rays) {
+        let found = &earlier.bake.more_rays;
+        return Some(format!("it has had more rays already: {found:?}; state them first"));
+    }
+    let lowest = earlier.bake.surroundings.ground == Some(GroundRecipe::Lowest);
+    (lowest && earlier.poses != now.poses)
+        .then(|| "its ground is at the lowest point of other poses; state a height".into())
+}
+
+/// Takes a round into what there is: the mean over all rays.
+///
+/// Weights are numbers of rays, which no estimate has a say in; so the mean has no bias.
+pub(super) fn merge(into: &mut BakedPose, round: &BakedPose) {
+    let points = into.rays.len();
+    let row = into.coefficients.len() / points.max(1);
+    for point in 0..points {
+        let (there, new) = (f64::from(into.rays[point]), f64::from(round.rays[point]));
+        let (keep, take) = (there / (there + new), new / (there + new));
+        let range = point * row..(point + 1) * row;
+        let values = into.coefficients[range.clone()].iter_mut().zip(&round.coefficients[range]);
+        for (value, new) in values {
+            *value = (keep * f64::from(*value) + take * f64::from(*new)) as f32;
+        }
+        let noise =
+            f64::hypot(keep * f64::from(into.noise[point]), take * f64::from(round.noise[point]));
+        into.noise[point] = noise as f32;
+        into.rays[point] += round.rays[point];
+    }
+}
+
+#[cfg(test)]
+#[path = "earlier_tests.rs"]
+mod tests;

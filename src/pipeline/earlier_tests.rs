@@ -1,0 +1,104 @@
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+
+use super::*;
+use crate::pipeline::recipe::SignalName;
+use crate::pipeline::{Baked, Watch, bake_from};
+use crate::scene::{self, Limits, Scene, Source, figure};
+
+/// The bundled figure, and a folder.
+struct Studio {
+    folder: tempfile::TempDir,
+    scene: Scene,
+}
+
+impl Studio {
+    fn new() -> Self {
+        let source = Source { name: "figure.glb".into(), bytes: figure::figure() };
+        let scene = scene::import_sources(vec![source], &Limits::default()).unwrap();
+        Self { folder: tempfile::tempdir().unwrap(), scene }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn bake(&self, name: &str, from: Option<&str>, recipe: &Recipe) -> Result<Baked, Error> {
+        let job = Job::new(self.scene.clone(), None, recipe.clone())?;
+        let stop = AtomicBool::new(false);
+        let watch = Watch { cancelled: &stop, report: &|_| () };
+        let from = from.map(|from| self.path(from));
+        bake_from(&job, &self.path(name), from.as_deref(), &watch)
+    }
+
+    /// Bits of everything that was baked.
+    fn bits(&self, name: &str) -> Vec<u32> {
+        let dataset = Dataset::open(&self.path(name)).unwrap();
+        let layout = &dataset.header().layout;
+        let mut bits = Vec::new();
+        for pose in 0..layout.poses {
+            let mut values = vec![0.0; layout.points * layout.row()];
+            let (mut noise, mut rays) = (vec![0.0; layout.points], vec![0; layout.points]);
+            dataset.read_points(&[pose], 0..layout.points, &mut values).unwrap();
+            dataset.read_noise(&[pose], 0..layout.points, &mut noise).unwrap();
+            dataset.read_rays(pose, &mut rays).unwrap();
+            bits.extend(values.iter().chain(&noise).map(|value| value.to_bits()).chain(rays));
+        }
+        bits
+    }
+}
+
+fn recipe(rate_hz: f32, more_rays: &[u32]) -> Recipe {
+    let mut recipe = Recipe::default();
+    recipe.poses.clips = Some(vec!["crouch".into()]);
+    (recipe.poses.rate_hz, recipe.poses.near_repeat) = (rate_hz, 0.0);
+    (recipe.bake.signal, recipe.bake.rays) = (SignalName::Ao, 8);
+    recipe.bake.more_rays = more_rays.to_vec();
+    recipe
+}
+
+/// More rays, and more poses, on top of a finished bake give the bytes of one that was baked so from
+/// nothing, cast only the rays that were lacking, and say where they come from.
+#[test]
+fn a_continued_bake_is_the_bake() {
+    let studio = Studio::new();
+    let first = studio.bake("first", None, &recipe(1.0, &[])).unwrap();
+    let more = recipe(1.0, &[16]);
+    studio.bake("whole", None, &more).unwrap();
+    let baked = studio.bake("more", Some("first"), &more).unwrap();
+    assert_eq!(baked.rays, 2 * first.rays);
+    assert_eq!(studio.bits("more"), studio.bits("whole"));
+    assert_ne!(studio.bits("more"), studio.bits("first"));
+    let dataset = Dataset::open(&studio.path("more")).unwrap();
+    let lineage = &dataset.header().attributes.lineage;
+    assert_eq!((lineage.len(), &lineage[0]["rounds_taken"]), (1, &serde_json::json!(1)));
+
+    let dense = recipe(2.0, &[]);
+    let all = studio.bake("dense", None, &dense).unwrap();
+    let baked = studio.bake("denser", Some("first"), &dense).unwrap();
+    assert_eq!(baked.rays, all.rays - first.rays);
+    assert_eq!(studio.bits("denser"), studio.bits("dense"));
+
+    let refused = |recipe: &Recipe, from: &str| {
+        studio.bake("never", Some(from), recipe).expect_err("must be refused").to_string()
+    };
+    let mut other = recipe(1.0, &[]);
+    other.bake.seed = 7;
+    assert!(refused(&other, "first").contains("seed"));
+    assert!(refused(&recipe(1.0, &[32]), "more").contains("[16]"));
+    assert!(refused(&recipe(1.0, &[]), "missing").contains("missing"));
+}
+
+/// The mean over rounds weighs rays, and its noise is that of independent parts.
+#[test]
+fn rounds_are_weighed_by_rays() {
+    let round = |value: f32, noise: f32, rays: u32| BakedPose {
+        coefficients: vec![value; 2],
+        noise: vec![noise],
+        rays: vec![rays],
+    };
+    let mut there = round(1.0, 0.3, 100);
+    merge(&mut there, &round(5.0, 0.4, 300));
+    assert_eq!((there.coefficients[0], there.rays[0]), (4.0, 400));
+    assert!((there.noise[0] - f32::hypot(0.075, 0.3)).abs() < 1e-6);
+}
