@@ -30,6 +30,8 @@ demo: $(BUILT)
 # is made from the bundled one.
 CHARACTERS ?= $(DEMO)
 ASSET_FLAGS ?= --rays 64
+# OBJ files that other tracers, as far as they are installed, are compared on.
+MESHES ?=
 bench: setup
 	$(CARGO) bench --locked --bench trace
 	$(CARGO) bench --locked --bench transport
@@ -37,6 +39,7 @@ bench: setup
 	$(CARGO) bench --locked --bench fit
 	$(CARGO) run --release --locked -- sample figure -o $(DEMO)/figure.glb
 	$(CARGO) bench --locked --bench assets -- $(CHARACTERS) $(ASSET_FLAGS)
+	@for mesh in $(MESHES); do python3 benches/peers/occlusion.py $$mesh $(BIN); done
 
 # The readers of foreign bytes, FUZZ_RUNS runs each.
 fuzz: setup

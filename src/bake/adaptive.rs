@@ -25,8 +25,8 @@ use crate::sh::MAX_COEFFICIENTS;
 /// Rays of the pilot.
 pub(super) const PILOT_RAYS: u32 = 48;
 
-/// The error of the direction sets falls as rays⁻⁰·⁷: caps and horizons of random size, 32 to 2,048
-/// rays, measured by the benchmark `noise`. (Plain random rays: ⁻⁰·⁵; a smooth edge: ⁻⁰·⁷⁵.)
+/// The error of the direction sets falls as rays⁻⁰·⁷⁴ from 32 to 2,048 rays on a character (benchmark
+/// `transport`); a little less is taken, so that the target is met. (Plain random rays: ⁻⁰·⁵.)
 const RATE: f64 = 0.7;
 
 /// Rays of the sets to choose from; above the last, several of those.

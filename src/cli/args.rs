@@ -61,6 +61,8 @@ pub(crate) enum Command {
     /// Bake, fit, measure and report in one.
     #[command(args_override_self = true)]
     Run(RunArgs),
+    /// Write a model's values at one pose into the scene's GLB, as vertex attributes.
+    Apply(ApplyArgs),
     /// Print the JSON Schema of the recipe.
     Schema,
 }
@@ -241,6 +243,26 @@ pub(crate) struct EvaluateArgs {
     pub(crate) light: Option<PathBuf>,
     /// Where the values go: [pose, vertex, channel, coefficient], or [pose, vertex, colour] under a light.
     #[arg(short, long, value_name = "OUT.npy")]
+    pub(crate) output: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct ApplyArgs {
+    /// The model.
+    pub(crate) model: PathBuf,
+    /// The scene that it was baked from (.glb).
+    pub(crate) scene: PathBuf,
+    /// A clip; the rest pose when absent.
+    #[arg(long, value_name = "NAME")]
+    pub(crate) clip: Option<String>,
+    /// Seconds into the clip.
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0, requires = "clip")]
+    pub(crate) time: f32,
+    /// Also write COLOR_0: the values under ambient light.
+    #[arg(long)]
+    pub(crate) colour: bool,
+    /// The GLB to write.
+    #[arg(short, long, value_name = "OUT.glb")]
     pub(crate) output: PathBuf,
 }
 

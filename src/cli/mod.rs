@@ -99,6 +99,7 @@ fn run(command: Command, watch: &Watch) -> anyhow::Result<Answer> {
         Command::Tradeoff(args) => commands::tradeoff(&args, watch),
         Command::Evaluate(args) => commands::evaluate(&args),
         Command::Run(args) => commands::run(&args, watch),
+        Command::Apply(args) => commands::apply(&args),
         Command::Schema => commands::schema(),
     }
 }

@@ -13,6 +13,7 @@
 //! folder or below it.
 //! *Invariant:* the only user of the `gltf` crate.
 
+mod attach;
 mod budget;
 mod error;
 pub mod figure;
@@ -30,6 +31,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
+pub use attach::{Attribute, attach};
 pub use error::Error;
 pub use limits::Limits;
 pub use surface::{MOST_ALBEDO, Material, Surface, Texture, Wrap};

@@ -15,7 +15,7 @@ use crate::rig::{self, Deformed, Pose};
 use crate::scene::Scene;
 
 /// One pose as the model takes it.
-struct Query {
+pub(super) struct Query {
     parameters: Vec<f32>,
     /// Absent where only parameters are known: the values then stay in the model's frame.
     pose: Option<Pose>,
@@ -94,17 +94,19 @@ fn from_clip(model: &Model, path: &Path, name: &str, fps: f32) -> anyhow::Result
     })?;
     let rest = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
     let frames = (clip.duration_s * fps).floor() as usize + 1;
-    let order = node_order(model, &scene)?;
     (0..frames)
-        .map(|frame| {
-            let of_scene = pose::evaluate(clip, frame as f32 / fps, &rest);
-            let local = order.iter().map(|&node| of_scene.local[node]).collect();
-            let pose = Pose { local, weights: of_scene.weights.clone() };
-            let surface = model.needs_surface().then(|| surface(model, &scene, &of_scene, &pose));
-            let parameters = model.parameters_of_pose(&pose)?;
-            Ok(Query { parameters, surface: surface.transpose()?, pose: Some(pose) })
-        })
+        .map(|frame| query(model, &scene, &pose::evaluate(clip, frame as f32 / fps, &rest)))
         .collect()
+}
+
+/// A pose of the scene as the model takes it.
+pub(super) fn query(model: &Model, scene: &Scene, of_scene: &Pose) -> anyhow::Result<Query> {
+    let order = node_order(model, scene)?;
+    let local = order.iter().map(|&node| of_scene.local[node]).collect();
+    let pose = Pose { local, weights: of_scene.weights.clone() };
+    let surface = model.needs_surface().then(|| surface(model, scene, of_scene, &pose));
+    let parameters = model.parameters_of_pose(&pose)?;
+    Ok(Query { parameters, surface: surface.transpose()?, pose: Some(pose) })
 }
 
 /// The model's points as the scene poses them, in the root frame. `of_scene` has the scene's order
@@ -143,7 +145,7 @@ fn node_order(model: &Model, scene: &Scene) -> anyhow::Result<Vec<usize>> {
         .collect()
 }
 
-fn coefficients(model: &Model, query: &Query) -> anyhow::Result<Vec<f32>> {
+pub(super) fn coefficients(model: &Model, query: &Query) -> anyhow::Result<Vec<f32>> {
     let header = model.header();
     let mut out = vec![0.0; header.mesh.points as usize * header.width()];
     let Some(pose) = &query.pose else {
@@ -200,7 +202,7 @@ fn shade(coefficients: &[f32], light: &Light, channels: usize) -> Vec<f32> {
 }
 
 /// Points to the vertices that they stand for.
-fn spread(model: &Model, points: &[f32], out: &mut Vec<f32>) {
+pub(super) fn spread(model: &Model, points: &[f32], out: &mut Vec<f32>) {
     let width = points.len() / model.header().mesh.points as usize;
     for &point in model.point_of_vertex() {
         out.extend_from_slice(&points[point as usize * width..][..width]);

@@ -1,5 +1,6 @@
 //! One file per command; each turns arguments into an [`Answer`].
 
+mod apply;
 mod bake;
 mod evaluate;
 mod fit;
@@ -9,6 +10,7 @@ mod run;
 mod sample;
 mod tradeoff;
 
+pub(super) use apply::apply;
 pub(super) use bake::bake;
 pub(super) use evaluate::evaluate;
 pub(super) use fit::fit;

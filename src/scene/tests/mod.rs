@@ -1,6 +1,7 @@
 //! Import of tiny documents made by hand: one feature or one fault each.
 
 mod accessors;
+mod attached;
 mod clips;
 mod containers;
 mod faults;

@@ -1,0 +1,92 @@
+//! `poselight apply`: a model's values at one pose, written into the scene's own file.
+
+use anyhow::{Context, ensure};
+use serde_json::json;
+
+use super::evaluate;
+use crate::cli::Answer;
+use crate::cli::args::ApplyArgs;
+use crate::model::{Model, Signal};
+use crate::pipeline::{self, files};
+use crate::pose;
+use crate::rig::Pose;
+use crate::scene::{self, Attribute};
+
+/// 2√π: from a transfer's first coefficient to what ambient light of radiance 1 makes of it.
+const AMBIENT: f32 = 3.544_907_7;
+
+pub(in crate::cli) fn apply(args: &ApplyArgs) -> anyhow::Result<Answer> {
+    let model = Model::from_bytes(&files::read(&args.model, super::MOST_MODEL_BYTES)?)?;
+    let scene = pipeline::import(&args.scene)?;
+    let vertices = scene.mesh.positions.len();
+    let expected = model.header().mesh.vertices as usize;
+    ensure!(
+        vertices == expected,
+        "the scene has {vertices} vertices, but the model is of a mesh with {expected}"
+    );
+    let rest = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
+    let posed = match &args.clip {
+        None => rest,
+        Some(name) => {
+            let clip = scene.clips.iter().find(|clip| clip.name == *name).with_context(|| {
+                let names: Vec<&str> = scene.clips.iter().map(|clip| clip.name.as_str()).collect();
+                format!("the scene has no clip `{name}`; it has {}", names.join(", "))
+            })?;
+            ensure!(
+                (0.0..=clip.duration_s).contains(&args.time),
+                "clip `{name}` lasts from 0 to {} s, so there is no time {}",
+                clip.duration_s,
+                args.time
+            );
+            pose::evaluate(clip, args.time, &rest)
+        }
+    };
+    let query = evaluate::query(&model, &scene, &posed)?;
+    let mut values = Vec::new();
+    evaluate::spread(&model, &evaluate::coefficients(&model, &query)?, &mut values);
+    let attributes = attributes(&model, &values, args.colour);
+    let main = scene.sources.first().context("the scene has no file")?;
+    let glb = scene::attach(&main.bytes, &scene.mesh.parts, &attributes)?;
+    files::publish(&args.output, &glb)?;
+    let names: Vec<&str> = attributes.iter().map(|attribute| attribute.name.as_str()).collect();
+    let text = format!(
+        "{} has {} at {vertices} vertices, root frame",
+        args.output.display(),
+        names.join(", ")
+    );
+    Ok(Answer::new(text, json!({ "output": args.output, "attributes": names })))
+}
+
+/// `_AO`, or `_TRANSFER_0`, `_TRANSFER_1`, …: four numbers each of channel after channel, filled up
+/// with zeros; and `COLOR_0` where that is asked for.
+fn attributes(model: &Model, values: &[f32], colour: bool) -> Vec<Attribute> {
+    let header = model.header();
+    let width = header.width();
+    let prefix = match header.signal {
+        Signal::Ao => "_AO",
+        Signal::Visibility => "_VISIBILITY",
+        Signal::Transfer => "_TRANSFER",
+    };
+    let mut attributes = Vec::new();
+    if width == 1 {
+        attributes.push(Attribute { name: prefix.into(), width, values: values.to_vec() });
+    } else {
+        for first in (0..width).step_by(4) {
+            let of = |row: &[f32]| [0, 1, 2, 3].map(|i| row.get(first + i).copied().unwrap_or(0.0));
+            let values = values.chunks_exact(width).flat_map(of).collect();
+            let name = format!("{prefix}_{}", first / 4);
+            attributes.push(Attribute { name, width: 4, values });
+        }
+    }
+    if colour {
+        let count = header.coefficients();
+        let scale = if header.signal == Signal::Ao { 1.0 } else { AMBIENT };
+        let of = |row: &[f32]| {
+            let channel = |c: usize| row.get(c * count).or(row.first()).copied().unwrap_or(0.0);
+            [0, 1, 2].map(|c| (channel(c) * scale).clamp(0.0, 1.0))
+        };
+        let values = values.chunks_exact(width).flat_map(of).collect();
+        attributes.push(Attribute { name: "COLOR_0".into(), width: 3, values });
+    }
+    attributes
+}
