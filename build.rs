@@ -20,7 +20,6 @@ fn main() {
         return;
     }
     let root = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default());
-    println!("cargo:rerun-if-changed={}", root.join(".embree/lib").display());
     let Some(folder) = find(&root) else {
         println!(
             "cargo::error=Embree 4 was not found; run `make setup` in the repository (or set \
@@ -28,6 +27,7 @@ fn main() {
         );
         return;
     };
+    watch(&folder);
     link(&folder);
 }
 
@@ -44,6 +44,15 @@ fn find(root: &Path) -> Option<PathBuf> {
 
 fn holds_embree(dir: &Path) -> bool {
     dir.join(SONAME).exists() || dir.join(LINK_NAME).exists()
+}
+
+/// Has cargo look again when the library that was found changes or goes. A path that does not exist
+/// must not be watched: cargo would take the crate as changed at every build.
+fn watch(folder: &Path) {
+    let names = [SONAME, LINK_NAME].map(|name| folder.join(name));
+    for name in names.iter().filter(|name| name.exists()) {
+        println!("cargo:rerun-if-changed={}", name.display());
+    }
 }
 
 /// Links through a folder of symbolic links inside `OUT_DIR`: cargo puts such folders on the

@@ -55,8 +55,10 @@ pub(super) fn reference(bake: &str, rays: u32, seeds: [u64; 2], poses: &[usize])
 }
 
 /// JSON of the parts in declaration order is canonical: no map in it has an order of its own.
+/// Parts that are no JSON are a bug: hashed as nothing, different recipes would be taken as one.
 fn stage(name: &str, parts: &impl Serialize) -> String {
-    let json = serde_json::to_vec(parts).unwrap_or_default();
+    let json = serde_json::to_vec(parts)
+        .unwrap_or_else(|error| panic!("the parts of stage {name} are no JSON: {error}"));
     let mut hasher = Sha256::new();
     hasher.update(name.as_bytes());
     hasher.update([0]);
@@ -97,6 +99,13 @@ mod tests {
         let mut other_path = base;
         other_path.scene.file = "elsewhere.glb".into();
         assert_eq!(before, Hashes::of("s", &other_path));
+    }
+
+    /// What cannot be written down is not hashed as if it were nothing. JSON's keys are strings.
+    #[test]
+    #[should_panic(expected = "the parts of stage fit are no JSON")]
+    fn parts_that_are_no_json_have_no_hash() {
+        stage("fit", &std::collections::BTreeMap::from([((1, 2), 3)]));
     }
 
     /// Bytes cannot move between a name and a body, or between files, without a new hash.
