@@ -1,4 +1,4 @@
-# make demo   a bundled character, baked, fitted, measured: ends with demo/report.html
+# make demo   a bundled character, baked, fitted, measured: ends with demo/run/report.html
 # make test   format, lints, documentation, every test
 # make bench  the measured tables of README
 # make fuzz   the readers of foreign bytes, ten million runs each
@@ -41,8 +41,9 @@ bench: setup
 	$(CARGO) bench --locked --bench assets -- $(CHARACTERS) $(ASSET_FLAGS)
 	@for mesh in $(MESHES); do python3 benches/peers/occlusion.py $$mesh $(BIN); done
 
-# The readers of foreign bytes, FUZZ_RUNS runs each.
+# The readers of foreign bytes, FUZZ_RUNS runs each. libFuzzer is compiled from C++.
 fuzz: setup
+	@.ci/setup fuzz
 	@for target in importer blob recipe dataset; do tests/fuzz/run $$target -runs=$(FUZZ_RUNS) || exit 1; done
 
 test: setup $(VENV)/ready

@@ -9,6 +9,8 @@
 #![cfg(feature = "bake")]
 #![expect(clippy::unwrap_used, reason = "a test that cannot read its input has failed")]
 
+#[path = "needs/assets.rs"]
+mod assets;
 #[path = "fuzz/invariants.rs"]
 mod invariants;
 
@@ -21,17 +23,8 @@ use poselight::scene::{self, Error, Limits, Scene};
 /// Folders of the assets that hold scenes.
 const FOLDERS: &[&str] = &["deform", "edge", "rigged", "scene", "static"];
 
-/// Why a file may import although the validator reports this error and import says nothing.
-const HARMLESS: &[(&str, &str)] = &[];
-
 /// Generous: unoptimised builds on a loaded machine.
 const MOST_TIME: Duration = Duration::from_secs(20);
-
-fn assets() -> Option<PathBuf> {
-    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/assets");
-    let named = std::env::var_os("POSELIGHT_ASSETS").map(PathBuf::from);
-    named.into_iter().chain([beside]).find(|folder| folder.join("MANIFEST.md").is_file())
-}
 
 /// All scene files below a folder, sorted.
 fn scenes(folder: &Path, out: &mut Vec<PathBuf>) {
@@ -85,12 +78,8 @@ fn line(
             ("refused".to_owned(), refusal.to_string())
         }
         Ok(scene) => {
-            let harmless = |code: &String| HARMLESS.iter().find(|(known, _)| known == code);
             let errors = codes.unwrap_or_default();
-            let mut reasons = scene.notices.clone();
-            let known = errors.iter().filter_map(harmless);
-            reasons.extend(known.map(|(code, why)| format!("{code}: {why}")));
-            if !errors.is_empty() && reasons.is_empty() {
+            if !errors.is_empty() && scene.notices.is_empty() {
                 broken.push(format!("{name} imports without a reason despite {errors:?}"));
             }
             let (mesh, clips) = (&scene.mesh, scene.clips.len());
@@ -98,7 +87,7 @@ fn line(
             let size_m = scene::size_m(mesh, &scene.skeleton);
             let verdict =
                 format!("imports {vertices} v {triangles} t {clips} clips {size_m:.2e} m");
-            (verdict, reasons.join("; "))
+            (verdict, scene.notices.join("; "))
         }
     };
     let reason = if reason.is_empty() { "-" } else { &reason };
@@ -108,10 +97,7 @@ fn line(
 /// The table holds, line by line, and so do the rules in this file's head.
 #[test]
 fn every_asset_has_its_verdict() {
-    let Some(assets) = assets() else {
-        eprintln!("skipped: no assets beside the repository nor in POSELIGHT_ASSETS");
-        return;
-    };
+    let Some(assets) = assets::folder() else { return };
     let mut paths = Vec::new();
     FOLDERS.iter().for_each(|folder| scenes(&assets.join(folder), &mut paths));
     let (mut table, mut broken) = (String::new(), Vec::new());

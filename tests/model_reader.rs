@@ -2,7 +2,9 @@
 //! this crate, reads blobs of every family and precision and evaluates them to the same numbers.
 //! `make test` brings the interpreter; a run without it skips, except where `CI` is set.
 
-use std::path::{Path, PathBuf};
+#[path = "needs/python.rs"]
+mod python;
+
 use std::process::Command;
 
 use poselight::model::{
@@ -30,19 +32,6 @@ assert y.shape == (310, 16), y.shape
 worst = np.abs(y.ravel() - expected).max()
 assert worst < 1e-4, worst
 "#;
-
-/// An interpreter that has numpy.
-fn python() -> Option<PathBuf> {
-    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python");
-    let python = std::env::var_os("POSELIGHT_PYTHON").map_or(own, PathBuf::from);
-    let has = Command::new(&python).args(["-c", "import numpy"]).output();
-    if has.is_ok_and(|output| output.status.success()) {
-        return Some(python);
-    }
-    assert!(std::env::var_os("CI").is_none(), "{} has no numpy", python.display());
-    eprintln!("skipped: {} has no numpy (make test brings it)", python.display());
-    None
-}
 
 fn numbers(seed: u64, count: usize) -> Vec<f32> {
     let mut stream = Stream::new(seed);
@@ -170,19 +159,57 @@ fn evaluated(bytes: &[u8], parameters: &[f32]) -> Vec<f32> {
     rows.flat_map(|&point| &out[point as usize * WIDTH..][..WIDTH]).copied().collect()
 }
 
-#[test]
-fn the_page_is_enough_for_a_reader() {
-    let Some(python) = python() else { return };
+/// The Python code of the page, with what drives it.
+fn script() -> String {
     let page = include_str!("../proto/model.md");
     let (_, code) = page.split_once("```python\n").expect("the page shows a reader");
     let (code, _) = code.split_once("```").expect("the reader ends");
+    format!("{code}{DRIVER}")
+}
+
+/// A blob with one more field in its header.
+fn with_field(blob: &[u8], field: &str) -> Vec<u8> {
+    let length = u64::from_le_bytes(blob[..8].try_into().expect("eight bytes")) as usize;
+    let header = std::str::from_utf8(&blob[8..8 + length]).expect("text");
+    let start = r#""poselight":"{"#;
+    assert!(header.contains(start), "{header}");
+    let more = header.replacen(start, &format!(r#"{start}\"{field}\":true,"#), 1);
+    [&(more.len() as u64).to_le_bytes(), more.as_bytes(), &blob[8 + length..]].concat()
+}
+
+/// What the page's reader cannot evaluate it refuses by name, rather than give a part of it as the
+/// whole; a field that nobody knows is refused by our own reader too.
+#[test]
+fn the_pages_reader_refuses_what_it_does_not_handle() {
+    let Some(python) = python::with("numpy") else { return };
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = |name: &str| folder.path().join(name);
+    std::fs::write(path("reader.py"), script()).expect("writes");
+    std::fs::write(path("empty"), b"").expect("writes");
+    let bytes = model(Family::Mean).to_bytes(Precision::F32).expect("writes");
+    for field in ["unshadowed", "occluders", "tint"] {
+        let blob = with_field(&bytes, field);
+        let ours = Model::from_bytes(&blob);
+        assert_eq!(ours.is_ok(), field == "unshadowed", "{field}: {ours:?}");
+        std::fs::write(path("blob"), blob).expect("writes");
+        let paths = ["reader.py", "blob", "empty", "empty"].map(path);
+        let run = Command::new(&python).args(paths).output().expect("runs");
+        let text = String::from_utf8_lossy(&run.stderr);
+        let expected = format!("this reader does not handle {{'{field}'}}");
+        assert!(!run.status.success() && text.contains(&expected), "{field}: {text}");
+    }
+}
+
+#[test]
+fn the_page_is_enough_for_a_reader() {
+    let Some(python) = python::with("numpy") else { return };
     let folder = tempfile::tempdir().expect("a temporary folder");
     let file = |name: &str, bytes: &[u8]| {
         let path = folder.path().join(name);
         std::fs::write(&path, bytes).expect("writes");
         path
     };
-    let script = file("reader.py", format!("{code}{DRIVER}").as_bytes());
+    let script = file("reader.py", script().as_bytes());
     let raw = |values: &[f32]| values.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
     let parameters = numbers(9, PARAMETERS);
     let input = file("parameters", &raw(&parameters));

@@ -5,7 +5,10 @@
 #![cfg(feature = "bake")]
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "a test")]
 
-use std::path::{Path, PathBuf};
+#[path = "needs/assets.rs"]
+mod assets;
+
+use std::path::Path;
 
 use glam::{Quat, Vec3};
 use poselight::pose::{PoseSet, Settings, Split, sample};
@@ -14,13 +17,7 @@ use poselight::scene::{Limits, Scene, import};
 
 #[test]
 fn every_rigged_file_samples() {
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/assets");
-    let named = std::env::var_os("POSELIGHT_ASSETS").map(PathBuf::from);
-    let Some(assets) = named.into_iter().chain([beside.into()]).find(|folder| folder.is_dir())
-    else {
-        println!("skipped: no assets (POSELIGHT_ASSETS or ../shared/assets)");
-        return;
-    };
+    let Some(assets) = assets::folder() else { return };
     let mut files = Vec::new();
     for folder in ["rigged", "deform"] {
         let entries = std::fs::read_dir(assets.join(folder)).unwrap();

@@ -5,6 +5,11 @@
 #![cfg(feature = "bake")]
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "a test")]
 
+#[path = "needs/assets.rs"]
+mod assets;
+#[path = "needs/python.rs"]
+mod python;
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -71,7 +76,7 @@ fn agrees_on_awkward_files() {
 }
 
 /// Compares some clips of a file, or all.
-fn compare(python: &str, path: &Path, clips: Option<&[usize]>) {
+fn compare(python: &Path, path: &Path, clips: Option<&[usize]>) {
     let scene = import(path, &Limits::default()).unwrap();
     let all: Vec<Option<usize>> = (0..scene.clips.len()).map(Some).collect();
     let clips = match clips {
@@ -99,27 +104,13 @@ fn compare(python: &str, path: &Path, clips: Option<&[usize]>) {
 }
 
 /// The assets and a Python, or a line that says what is missing.
-fn ready() -> Option<(PathBuf, String)> {
-    let Some(assets) = assets() else {
-        println!("skipped: no assets (POSELIGHT_ASSETS or ../shared/assets)");
-        return None;
-    };
-    let python = std::env::var("POSELIGHT_PYTHON").unwrap_or_else(|_| "python3".into());
-    if Command::new(&python).arg("--version").output().is_err() {
-        println!("skipped: no {python}");
-        return None;
-    }
-    Some((assets, python))
-}
-
-fn assets() -> Option<PathBuf> {
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/assets");
-    let named = std::env::var_os("POSELIGHT_ASSETS").map(PathBuf::from);
-    named.into_iter().chain([beside.into()]).find(|folder| folder.is_dir())
+fn ready() -> Option<(PathBuf, PathBuf)> {
+    let python = python::with("json");
+    Some((assets::folder()?, python?))
 }
 
 /// The script's vertices for each time.
-fn oracle(python: &str, file: &Path, clip: &str, times: &[f32]) -> Vec<Vec<Vertex>> {
+fn oracle(python: &Path, file: &Path, clip: &str, times: &[f32]) -> Vec<Vec<Vertex>> {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/skinning_oracle.py");
     let output = Command::new(python)
         .arg("-B")

@@ -1,11 +1,14 @@
-//! Data sets are Zarr to others: zarr-python and `numpy.memmap`, which share no code with this
-//! crate, open what the writer made and find every value, name and attribute
+//! Data sets are Zarr to others: zarr-python, xarray and `numpy.memmap`, which share no code with
+//! this crate, open what the writer made and find every value, name and attribute
 //! (`tests/zarr_python.py`). `make test` brings the interpreter; a run without it skips, except
 //! where `CI` is set.
 #![cfg(feature = "bake")]
 
+#[path = "needs/python.rs"]
+mod python;
+
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
 use glam::{Quat, Vec3};
@@ -16,19 +19,6 @@ use poselight::dataset::{
 use poselight::rig::RigidFrame;
 use poselight::scene::Source;
 use serde_json::json;
-
-/// An interpreter that has zarr and numpy.
-fn python() -> Option<PathBuf> {
-    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python");
-    let python = std::env::var_os("POSELIGHT_PYTHON").map_or(own, PathBuf::from);
-    let has = Command::new(&python).args(["-c", "import numpy, zarr"]).output();
-    if has.is_ok_and(|output| output.status.success()) {
-        return Some(python);
-    }
-    assert!(std::env::var_os("CI").is_none(), "{} has no zarr and numpy", python.display());
-    eprintln!("skipped: {} has no zarr and numpy (make test brings them)", python.display());
-    None
-}
 
 fn header(layout: Layout) -> Header {
     let part = PartRange {
@@ -127,7 +117,7 @@ fn write(path: &Path, layout: Layout) -> Result<(), Error> {
 /// A data set with a padded last block, one without parameters, and one that is unfinished.
 #[test]
 fn zarr_python_and_memmap_open_it() {
-    let Some(python) = python() else { return };
+    let Some(python) = python::with("numpy, xarray, zarr") else { return };
     let folder = tempfile::tempdir().unwrap();
     let layout = Layout {
         poses: 10,
