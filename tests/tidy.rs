@@ -39,72 +39,214 @@ const PLACES: [(&str, &[&str]); 9] = [
     ("safetensors", &["model/"]),
 ];
 
-/// Lines before a file's tests.
+/// Lines of a file without its tests.
 const MOST_LINES: usize = 400;
 
 fn rank(folder: &str) -> Option<u32> {
     RANKS.iter().find(|(name, _)| *name == folder).map(|(_, rank)| *rank)
 }
 
-/// The code of a line: without comments and string contents that would confuse a word search.
-fn code(line: &str) -> String {
-    let mut out = String::new();
-    let mut in_string = false;
-    let mut chars = line.chars().peekable();
-    while let Some(c) = chars.next() {
-        match c {
-            '\\' if in_string => drop(chars.next()),
-            '"' => in_string = !in_string,
-            '/' if !in_string && chars.peek() == Some(&'/') => break,
-            c if !in_string => out.push(c),
-            _ => {}
-        }
+/// A word, a number, `::` or one other character of the code, with its line, counted from 1.
+#[derive(Debug, Clone, PartialEq)]
+struct Token {
+    text: String,
+    line: usize,
+}
+
+fn is_word(c: char) -> bool {
+    c.is_alphanumeric() || c == '_'
+}
+
+/// The code of a file: comments dropped, every string and character replaced by `"`.
+fn tokens(text: &str) -> Vec<Token> {
+    let chars: Vec<char> = text.chars().collect();
+    let at = |i: usize| chars.get(i).copied().unwrap_or('\0');
+    let (mut out, mut i, mut line) = (Vec::new(), 0, 1);
+    while i < chars.len() {
+        let word = chars[i..].iter().take_while(|c| is_word(**c)).count();
+        let (end, kept) = match (at(i), at(i + 1)) {
+            ('/', '/') => (i + chars[i..].iter().take_while(|c| **c != '\n').count(), None),
+            ('/', '*') => (comment_end(&chars, i), None),
+            ('"', _) => (string_end(&chars, i, None), Some("\"".to_owned())),
+            ('\'', next) if next == '\\' || at(i + 2) == '\'' => {
+                let end = (i + 3..chars.len()).find(|&end| chars[end] == '\'');
+                let end = if next == '\\' { end } else { Some(i + 2) };
+                (end.map_or(chars.len(), |end| end + 1), Some("\"".to_owned()))
+            }
+            (':', ':') => (i + 2, Some("::".to_owned())),
+            (c, _) if c.is_whitespace() => (i + 1, None),
+            _ if word == 0 => (i + 1, Some(chars[i].to_string())),
+            _ => {
+                let name: String = chars[i..i + word].iter().collect();
+                let end = i + word;
+                let fences = chars[end..].iter().take_while(|c| **c == '#').count();
+                let raw = ["r", "br", "cr"].contains(&name.as_str()) && at(end + fences) == '"';
+                if raw {
+                    (string_end(&chars, end + fences, Some(fences)), Some("\"".to_owned()))
+                } else {
+                    (end, Some(name))
+                }
+            }
+        };
+        out.extend(kept.map(|text| Token { text, line }));
+        let end = end.min(chars.len());
+        line += chars[i..end].iter().filter(|c| **c == '\n').count();
+        i = end;
     }
     out
 }
 
-fn words(code: &str) -> impl Iterator<Item = (usize, &str)> {
-    let is_word = |c: char| c.is_alphanumeric() || c == '_';
-    code.split(move |c| !is_word(c))
-        .filter(|word| !word.is_empty())
-        .map(move |word| (word.as_ptr() as usize - code.as_ptr() as usize, word))
-}
-
-/// Modules that a line names by `crate::module` or `crate::{a, b}`.
-fn crate_uses(code: &str) -> Vec<String> {
-    let mut found = Vec::new();
-    for (at, _) in code.match_indices("crate::") {
-        let rest = &code[at + "crate::".len()..];
-        let list = rest.strip_prefix('{').map_or(rest, |inner| inner);
-        let first_only = !rest.starts_with('{');
-        let mut depth = 0;
-        let mut name = String::new();
-        for c in list.chars().chain([',']) {
-            match c {
-                '{' => depth += 1,
-                '}' if depth > 0 => depth -= 1,
-                _ => {}
-            }
-            if c.is_alphanumeric() || c == '_' {
-                name.push(c);
-                continue;
-            }
-            if depth == 0 && !name.is_empty() {
-                found.push(std::mem::take(&mut name));
-                if first_only || !matches!(c, ',' | ':' | ' ') {
-                    break;
-                }
-                if c == ':' {
-                    depth = 1;
-                }
-            }
-            name.clear();
-            if c == ',' && depth == 1 {
-                depth = 0;
-            }
+/// After a block comment, which may hold others.
+fn comment_end(chars: &[char], start: usize) -> usize {
+    let (mut depth, mut i) = (0, start);
+    while i < chars.len() {
+        match (chars[i], chars.get(i + 1)) {
+            ('/', Some('*')) => (depth, i) = (depth + 1, i + 2),
+            ('*', Some('/')) => (depth, i) = (depth - 1, i + 2),
+            _ => i += 1,
+        }
+        if depth == 0 {
+            break;
         }
     }
+    i
+}
+
+/// After a string whose first `"` is at `start`; a raw one ends with as many `#` as it has fences.
+fn string_end(chars: &[char], start: usize, raw_fences: Option<usize>) -> usize {
+    let mut i = start + 1;
+    while i < chars.len() {
+        match (chars[i], raw_fences) {
+            ('\\', None) => i += 1,
+            ('"', None) => return i + 1,
+            ('"', Some(fences)) if chars[i + 1..].iter().take(fences).all(|c| *c == '#') => {
+                return i + 1 + fences;
+            }
+            _ => {}
+        }
+        i += 1;
+    }
+    i
+}
+
+/// The index after the bracket that closes the one at `open`.
+fn closed(tokens: &[Token], open: usize) -> usize {
+    let mut depth = 0_usize;
+    for (i, token) in tokens.iter().enumerate().skip(open) {
+        match token.text.as_str() {
+            "{" | "[" | "(" => depth += 1,
+            "}" | "]" | ")" => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        if depth == 0 {
+            return i + 1;
+        }
+    }
+    tokens.len()
+}
+
+/// The code without its `#[cfg(test)] mod … { … }`, and how many lines those take.
+fn without_tests(tokens: &[Token]) -> (Vec<Token>, usize) {
+    let is = |i: usize, text: &str| tokens.get(i).is_some_and(|token| token.text == text);
+    let attribute = ["#", "[", "cfg", "(", "test", ")", "]"];
+    let (mut kept, mut lines, mut i) = (Vec::new(), 0, 0);
+    while i < tokens.len() {
+        if (0..attribute.len()).all(|k| is(i + k, attribute[k])) {
+            let mut next = i + attribute.len();
+            while is(next, "#") {
+                next = closed(tokens, next + 1);
+            }
+            if is(next, "mod") && is(next + 2, "{") {
+                let end = closed(tokens, next + 2);
+                lines += tokens[end - 1].line - tokens[i].line + 1;
+                i = end;
+                continue;
+            }
+        }
+        kept.push(tokens[i].clone());
+        i += 1;
+    }
+    (kept, lines)
+}
+
+/// What a path that starts at the crate's root names first; `*` or `as` where it takes the root
+/// itself, behind which no rank can be seen.
+fn root_names(tokens: &[Token], path: &str) -> Vec<Token> {
+    let folders = path.strip_suffix("/mod.rs").or(path.strip_suffix(".rs")).unwrap_or(path);
+    let file = if ["lib", "main"].contains(&folders) { 0 } else { folders.split('/').count() };
+    let is = |i: usize, text: &str| tokens.get(i).is_some_and(|token| token.text == text);
+    // Brace depth, and the braces that are inline modules.
+    let (mut depth, mut modules) = (0_usize, Vec::new());
+    let (mut found, mut i) = (Vec::new(), 0);
+    while i < tokens.len() {
+        match tokens[i].text.as_str() {
+            "mod" if is(i + 2, "{") => modules.push(depth),
+            "{" => depth += 1,
+            "}" => {
+                depth = depth.saturating_sub(1);
+                modules.pop_if(|opened| *opened == depth);
+            }
+            "extern" if is(i + 1, "crate") && is(i + 2, "self") => {
+                found.extend(tokens.get(i + 3).cloned());
+            }
+            "crate" | "super" | "self" => {
+                i = follow(tokens, i, file + modules.len(), &mut found);
+                continue;
+            }
+            // In the library, only by `extern crate self`; the name is its own in any case.
+            "poselight" if is(i + 1, "::") => {
+                i = follow(tokens, i, 0, &mut found);
+                continue;
+            }
+            _ => {}
+        }
+        i += 1;
+    }
     found
+}
+
+/// Follows one path, or the tree of paths of a `use`, from a module `level` levels below the root;
+/// returns the index after it.
+fn follow(tokens: &[Token], start: usize, level: usize, found: &mut Vec<Token>) -> usize {
+    let is = |i: usize, text: &str| tokens.get(i).is_some_and(|token| token.text == text);
+    let (mut i, mut level) = (start, level);
+    while let Some(token) = tokens.get(i) {
+        match token.text.as_str() {
+            "crate" => level = 0,
+            "poselight" if i == start => level = 0,
+            "super" => level = level.saturating_sub(1),
+            "self" => {}
+            "{" if i > start => {
+                let end = closed(tokens, i);
+                let mut inner = i + 1;
+                while inner + 1 < end {
+                    let next = follow(tokens, inner, level, found).min(end - 1);
+                    let comma = tokens[next..end - 1].iter().position(|token| token.text == ",");
+                    inner = comma.map_or(end, |comma| next + comma + 1);
+                }
+                return end;
+            }
+            _ => {
+                if level == 0 {
+                    found.push(token.clone());
+                }
+                // The tree below a name holds no root; what stands there is not of interest.
+                return if is(i + 1, "::") && is(i + 2, "{") {
+                    closed(tokens, i + 2)
+                } else {
+                    i + 1
+                };
+            }
+        }
+        if !is(i + 1, "::") {
+            if level == 0 && is(i + 1, "as") {
+                found.push(tokens[i + 1].clone());
+            }
+            return i + 1;
+        }
+        i += 2;
+    }
+    i
 }
 
 /// Every broken rule in one file, `path` relative to `src/`.
@@ -116,40 +258,34 @@ fn violations(path: &str, text: &str) -> Vec<String> {
         broken.push(format!("{path}: folder {folder} has no rank"));
     }
     let is_test_file = path.ends_with("tests.rs") || path.contains("/tests/");
-    let mut lines = 0;
-    let all: Vec<&str> = text.lines().collect();
-    for (number, line) in all.iter().enumerate() {
-        let next = all.get(number + 1).map_or("", |next| next.trim());
-        if line.trim() == "#[cfg(test)]" && next.starts_with("mod ") && next.ends_with('{') {
-            break;
-        }
-        lines += 1;
-        let code = code(line);
-        for (_, word) in words(&code) {
-            for (rule, places) in PLACES {
-                let lint_name = word == "unsafe" && code.contains("unsafe_code");
-                if word == rule && !lint_name && !places.iter().any(|p| path.starts_with(p)) {
-                    broken.push(format!("{path}:{}: `{word}` does not belong here", number + 1));
-                }
-            }
-        }
-        if is_test_file {
-            continue;
-        }
-        for used in crate_uses(&code) {
-            if let (Some(own), Some(other)) = (own, rank(&used))
-                && other >= own
-                && used != folder
-            {
-                broken.push(format!(
-                    "{path}:{}: rank {own} uses `{used}` of rank {other}",
-                    number + 1
-                ));
+    let (code, test_lines) = without_tests(&tokens(text));
+    for Token { text: word, line } in &code {
+        for (rule, places) in PLACES {
+            if word == rule && !places.iter().any(|place| path.starts_with(place)) {
+                broken.push(format!("{path}:{line}: `{word}` does not belong here"));
             }
         }
     }
-    if lines > MOST_LINES && !is_test_file {
-        broken.push(format!("{path}: {lines} lines before its tests, at most {MOST_LINES}"));
+    if is_test_file {
+        return broken;
+    }
+    if let Some(own) = own {
+        for Token { text: used, line } in root_names(&code, path) {
+            match rank(&used) {
+                Some(other) if other >= own && used != folder => {
+                    broken.push(format!("{path}:{line}: rank {own} uses `{used}` of rank {other}"));
+                }
+                None if used == "as" || used == "*" => {
+                    broken
+                        .push(format!("{path}:{line}: `{used}` hides what it takes of the crate"));
+                }
+                _ => {}
+            }
+        }
+    }
+    let lines = text.lines().count() - test_lines;
+    if lines > MOST_LINES {
+        broken.push(format!("{path}: {lines} lines without its tests, at most {MOST_LINES}"));
     }
     broken
 }
@@ -195,6 +331,33 @@ fn the_checker_sees_each_fault() {
         ("model/mod.rs", "use gltf::Gltf;", "`gltf`"),
         ("pipeline/mod.rs", "use clap::Parser;", "`clap`"),
         ("helpers/mod.rs", "", "no rank"),
+        (
+            "num/mod.rs",
+            "use crate::{\n    cli::Answer,\n    num,\n};",
+            "mod.rs:2: rank 0 uses `cli`",
+        ),
+        ("num/mod.rs", "use crate::{num::{a, b::{c, d}}, cli::Answer};", "uses `cli`"),
+        ("num/simd/avx.rs", "super::super::super::cli::run();", "uses `cli`"),
+        ("num/mod.rs", "use super::{self::{bake::Ray}};", "uses `bake`"),
+        ("num/mod.rs", "mod inner { use super::super::cli; }", "uses `cli`"),
+        ("num/mod.rs", "mod a { mod b {} } use super::cli;", "uses `cli`"),
+        ("num/mod.rs", "poselight::cli::run()", "uses `cli`"),
+        ("num/mod.rs", "use ::poselight::{\ncli};", "uses `cli`"),
+        ("num/mod.rs", "use crate as c;", "`as` hides"),
+        ("num/mod.rs", "use crate::{self as c, sh};", "`as` hides"),
+        ("num/mod.rs", "use super::*;", "`*` hides"),
+        ("num/mod.rs", "extern crate self as c;", "`as` hides"),
+        ("num/mod.rs", "if c == '\"' { crate::cli::run() }", "uses `cli`"),
+        ("num/mod.rs", "let c = '\\''; crate::cli::run()", "uses `cli`"),
+        ("num/mod.rs", "fn f<'a>(a: &'a str) { crate::cli::run('\"') }", "uses `cli`"),
+        ("num/mod.rs", "let s = \"\\\"\"; unsafe { x() }", "`unsafe`"),
+        ("num/mod.rs", "let s = r#\"\"\"#; unsafe { x() }", "`unsafe`"),
+        ("num/mod.rs", "/* a /* b */ */ unsafe { x() }", "`unsafe`"),
+        (
+            "num/mod.rs",
+            "#[cfg(test)]\nmod tests { fn f() {} }\nuse crate::cli;",
+            "mod.rs:3: rank 0",
+        ),
     ];
     for (path, text, expected) in faults {
         let found = violations(path, text);
@@ -210,4 +373,19 @@ fn the_checker_lets_good_code_pass() {
     let good = "//! unsafe, gltf\nuse crate::{num::random, rig::Mesh};\nuse crate::scene::x;\n\
                 let s = \"use gltf and unsafe\"; // crate::cli\n#[cfg(test)]\nmod t {\n use crate::cli; }";
     assert_eq!(violations("scene/mod.rs", good), Vec::<String>::new());
+    let passes = [
+        "/* unsafe { } /* gltf */\n crate::cli */",
+        "let s = r#\"unsafe \" crate::cli\"#;",
+        "let s = \"unsafe \\\" crate::cli\";\nlet b = b\"unsafe\";",
+        "let s = \"two lines\n of unsafe\"; let c = '\"'; let d = \"unsafe\";",
+        "#![deny(unsafe_code)]",
+        "use super::super::super::num::{self, random as cli};",
+        "use super::{*, cli};",
+        "mod inner { use super::super::super::cli; }",
+        "use crate::scene::{\n    cli as bake,\n};",
+        "#[cfg(test)]\n#[expect(unused, reason = \"}\")]\nmod tests { use crate::cli; }",
+    ];
+    for text in passes {
+        assert_eq!(violations("scene/gltf/mesh.rs", text), Vec::<String>::new(), "{text}");
+    }
 }
