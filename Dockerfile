@@ -1,5 +1,7 @@
 # Builds on the official Rust image for Debian 13, whose own Embree is version 4, and runs on slim
-# Debian 13 as a user without rights. docker build -t poselight . && docker run --rm -v "$PWD:/work" poselight --help
+# Debian 13 as a user without rights; to write into your folder it must run as you:
+#   docker build -t poselight .
+#   docker run --rm --user "$(id -u):$(id -g)" -v "$PWD:/work" poselight run hero.glb -o hero
 FROM rust:1-trixie AS build
 RUN apt-get update && apt-get install -y --no-install-recommends libclang-dev libembree-dev && rm -rf /var/lib/apt/lists/*
 WORKDIR /build
