@@ -165,8 +165,12 @@ fn bad_requests_are_named() {
         (&["bake", "figure.glb", "-o", "d", "--order", "11"], 2, "bake.order"),
         (&["bake", "figure.glb", "-o", "d", "--order", "0"], 2, "bake.order"),
         (&["bake", "figure.glb", "-o", "d", "--rays", "0"], 2, "bake.rays"),
-        (&["bake", "figure.glb", "-o", "d", "--clip", "swim"], 1, "walk"),
-        (&["bake", "figure.glb", "-o", "d", "--clip", "walk", "--hold-out", "walk"], 1, "walk"),
+        (&["bake", "figure.glb", "-o", "d", "--clip", "swim"], 1, "no clip named \"swim\""),
+        (
+            &["bake", "figure.glb", "-o", "d", "--clip", "walk", "--hold-out", "walk"],
+            1,
+            "holding out walk leaves no clip to train on",
+        ),
         (&["bake", "absent.glb", "-o", "d"], 1, "absent.glb"),
         (&["bake", "noise.glb", "-o", "d"], 1, "noise.glb"),
         (
@@ -205,7 +209,7 @@ fn foreign_and_damaged_data_sets_are_refused() {
 }
 
 /// `run` makes its four results, a second run keeps them, a missed target is status 3, and a model
-/// lies about nothing: a flipped byte in its header is refused.
+/// lies about nothing: a flipped bit in its header is refused.
 #[test]
 fn a_run_is_kept_and_judged() {
     let studio = Studio::new();
@@ -230,12 +234,29 @@ fn a_run_is_kept_and_judged() {
     let json: Value = serde_json::from_slice(&missed.stdout).expect("one JSON object");
     assert_eq!(json["target_met"], Value::Bool(false));
 
-    let mut blob = before["model.safetensors"].clone();
-    blob[3] ^= 0x40;
-    fs::write(studio.path("lie.safetensors"), blob).expect("written");
-    let (status, message) = studio.fail(&["inspect", "lie.safetensors"]);
-    assert_eq!(status, 1);
-    assert!(!message.contains("panicked"), "{message}");
+    lies_are_refused(&studio, &before["model.safetensors"]);
+}
+
+/// One bit of the length before the header, of the JSON around it, and of fields in it.
+fn lies_are_refused(studio: &Studio, blob: &[u8]) {
+    let after = |text: &str| {
+        let at = blob.windows(text.len()).position(|window| window == text.as_bytes());
+        at.unwrap_or_else(|| panic!("no {text} in the header")) + text.len()
+    };
+    for (at, bit, sentence) in [
+        (3, 0x40, "more than the limit of"),
+        (after("{\"__metadata__"), 0x01, "not a model: the bytes are no safetensors file"),
+        (after(r#"\"family\":\""#), 0x20, "the model's header is not valid: unknown variant `P"),
+        (after(r#"\"order\":"#), 0x02, "header field `order` is wrong"),
+    ] {
+        let mut lie = blob.to_vec();
+        lie[at] ^= bit;
+        fs::write(studio.path("lie.safetensors"), lie).expect("written");
+        let (status, message) = studio.fail(&["inspect", "lie.safetensors"]);
+        assert_eq!(status, 1, "{message}");
+        assert!(message.contains(sentence), "byte {at}: {message}");
+        assert!(!message.contains("panicked"), "{message}");
+    }
 }
 
 /// A scene without motion is baked once; its model is its mean and says so.
