@@ -3,8 +3,8 @@
 //! `tests/edge_assets.txt` has one line per file: path, what the official validator says of it,
 //! what import says, and why. `POSELIGHT_BLESS=1` rewrites it. The rules that no table may break
 //! are tested here: nothing panics or hangs; every rigged character imports; what the validator
-//! finds free of errors imports, or the refusal names an unsupported feature; what it finds
-//! broken imports with a stated reason, or is refused with one error.
+//! finds free of errors imports, or the refusal names an unsupported feature, or nothing that has
+//! a surface; what it finds broken imports with a stated reason, or is refused with one error.
 
 #![cfg(feature = "bake")]
 #![expect(clippy::unwrap_used, reason = "a test that cannot read its input has failed")]

@@ -67,16 +67,24 @@ pub(super) struct Elements<'a> {
     /// `None`: all zeros.
     base: Option<Strided<'a>>,
     sparse: Option<Sparse<'a>>,
+    /// Whether the stated `min` or `max` is another number than zero.
+    bounds_exclude_zeros: bool,
 }
 
 impl Elements<'_> {
-    /// Refuses an accessor that has neither a view nor replacements, where zeros make no sense:
-    /// glTF lets an extension or the application supply such data.
-    pub(super) fn require_data(&self) -> Result<(), Error> {
+    /// Refuses an accessor without a view and replacements where its stated bounds say that it is
+    /// not meant to be zeros. glTF 2.0 §5.1.1 has such an accessor be zeros, unless an extension
+    /// or the application supplies the data.
+    pub(super) fn require_meant_zeros(&self) -> Result<(), Error> {
+        if self.bounds_exclude_zeros { self.require_data("its bounds are not 0") } else { Ok(()) }
+    }
+
+    /// As [`Self::require_meant_zeros`], where zeros can never be meant, and why.
+    pub(super) fn require_data(&self, why: &str) -> Result<(), Error> {
         if self.base.is_some() || self.sparse.is_some() {
             return Ok(());
         }
-        let feature = "data from outside the file (it has no bufferView)".to_owned();
+        let feature = format!("data from outside the file (it has no bufferView, and {why})");
         Err(Error::Unsupported { feature, place: self.place.clone(), hint: "" })
     }
 }
@@ -144,7 +152,20 @@ impl<'a> File<'a, '_> {
             None => None,
         };
         let normalized = accessor.normalized;
-        Ok(Elements { place, count, component, normalized, kind, base, sparse })
+        let stated = [&accessor.min, &accessor.max].into_iter().flatten();
+        let bounds_exclude_zeros = stated
+            .flat_map(|bound| bound.as_array().map_or(&[][..], Vec::as_slice))
+            .any(|number| number.as_f64().is_some_and(|number| number != 0.0));
+        Ok(Elements {
+            place,
+            count,
+            component,
+            normalized,
+            kind,
+            base,
+            sparse,
+            bounds_exclude_zeros,
+        })
     }
 
     /// `count` elements of `size` bytes from `offset` of a view on.

@@ -184,8 +184,8 @@ fn positions(
     }
     file.budget.take(Quantity::Vertices, elements.count as u64, &purpose)?;
     let positions = file.finite_floats::<3>(&elements)?;
-    // Zeros under morph targets are sensible: the targets hold whole shapes.
-    let held = if primitive.targets.is_none() { elements.require_data() } else { Ok(()) };
+    // Morph targets over zeros hold whole shapes, and exporters state the bounds of those.
+    let held = if primitive.targets.is_none() { elements.require_meant_zeros() } else { Ok(()) };
     Ok(Some((positions.into_iter().map(Vec3::from_array).collect(), held)))
 }
 

@@ -237,7 +237,7 @@ fn weight_sets(
         let weights = file.accessor(weights.value(), &purpose, WEIGHTS)?;
         super::mesh::check_count(&weights, vertices)?;
         if set == 0 {
-            weights.require_data()?;
+            weights.require_data("zeros name no joint")?;
         }
         let (joints, weights) = (file.unsigned(&joints)?, file.floats(&weights)?);
         sets.push(WeightSet { joints, weights });

@@ -170,7 +170,24 @@ fn lies_are_refused() {
         maker.refusal()
     };
     assert!(zeros(1 << 40).contains("the limit `vertices`"), "{}", zeros(1 << 40));
-    assert!(zeros(3).contains("data from outside the file"));
+    assert!(zeros(3).contains("the rest pose is 0 m across"), "{}", zeros(3));
+}
+
+/// An accessor without a view is zeros (glTF 2.0 §5.1.1), unless its bounds say that other data is
+/// meant: those the file does not hold.
+#[test]
+fn an_accessor_without_a_view_is_zeros() {
+    let mut maker = Maker::triangle();
+    let zeros = json!({"componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0]});
+    let zeros = maker.push("accessors", zeros);
+    let mesh = maker.mesh(&json!({"attributes": {"POSITION": zeros}}));
+    maker.root(json!({"mesh": mesh}));
+    let scene = maker.scene();
+    assert_eq!(scene.mesh.positions.len(), 6);
+    assert_eq!(scene.mesh.positions[3..], [Vec3::ZERO; 3]);
+    maker.document["accessors"][zeros]["max"] = json!([0, 1, 0]);
+    let refusal = maker.refusal();
+    assert!(refusal.contains("data from outside the file"), "{refusal}");
 }
 
 /// Attributes of one primitive have equal counts, and indices name vertices.

@@ -112,3 +112,22 @@ fn channels_to_nothing_are_left_out() {
     assert!(scene.clips.is_empty());
     assert_notice(&scene, "animations[0] (\"clip0\") was left out");
 }
+
+/// Key times without a view are zeros: right for one key, at 0 s, and never for two.
+#[test]
+fn one_key_may_have_no_view() {
+    for (keys, values) in [(1, vec![1_f32; 3]), (2, vec![1_f32; 6])] {
+        let mut maker = Maker::triangle();
+        let output = maker.accessor("VEC3", &values);
+        animated("translation", "LINEAR", &vec![0.0; keys], output, &mut maker);
+        let input = maker.document["animations"][0]["samplers"][0]["input"].as_u64().unwrap();
+        let accessor = &mut maker.document["accessors"][input as usize];
+        *accessor = json!({"componentType": 5126, "count": keys, "type": "SCALAR"});
+        if keys == 1 {
+            assert_eq!(maker.scene().clips[0].channels[0].times_s, [0.0]);
+        } else {
+            let refusal = maker.refusal();
+            assert!(refusal.contains("no bufferView, and zeros do not ascend"), "{refusal}");
+        }
+    }
+}
