@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::args::{ParametrisationArg, names, set};
+use super::args::{MeasureFlags, ParametrisationArg, names, set};
 use crate::pipeline::recipe::{FamilyName, FrameName, OnName, PrecisionName, Recipe, RidgeName};
 
 #[derive(Debug, Args)]
@@ -116,14 +116,35 @@ pub(crate) struct FitCommandArgs {
     /// How a pose becomes numbers [default: as the data set was baked].
     #[arg(long, value_enum)]
     parametrisation: Option<ParametrisationArg>,
+    /// Choose the simplest model of no more bytes than this.
+    #[arg(long, value_name = "BYTES")]
+    max_bytes: Option<u64>,
+    /// Choose one that evaluates within this, microseconds on one core.
+    #[arg(long, value_name = "US")]
+    max_us: Option<f64>,
+    /// Choose one that fits within this, seconds.
+    #[arg(long, value_name = "S")]
+    max_fit_s: Option<f64>,
+    #[command(flatten)]
+    measure: MeasureFlags,
     #[command(flatten)]
     pub(crate) fit: FitFlags,
 }
 
 impl FitCommandArgs {
+    /// Whether only candidates of the family in the recipe are to be looked at.
+    pub(crate) fn names_family(&self) -> bool {
+        self.fit.family.is_some()
+    }
+
     /// Edits the recipe of the data set.
     pub(crate) fn edit(&self, recipe: &mut Recipe) {
         self.fit.edit(recipe);
+        self.measure.edit(recipe);
+        let target = &mut recipe.target;
+        target.max_bytes = self.max_bytes.or(target.max_bytes);
+        target.max_us = self.max_us.or(target.max_us);
+        target.max_fit_s = self.max_fit_s.or(target.max_fit_s);
         recipe.fit.parametrisation =
             self.parametrisation.map(Into::into).or(recipe.fit.parametrisation);
     }

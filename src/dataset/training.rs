@@ -86,6 +86,33 @@ impl<'a> Training<'a> {
         self
     }
 
+    /// Some of the poses, by their indices, in this order.
+    ///
+    /// # Panics
+    /// If an index is not that of a pose.
+    #[must_use]
+    pub fn only(self, keep: &[usize]) -> Self {
+        let (a, bones) = (self.parts.parameter_names.len(), self.parts.bones);
+        let numbers = self.parts.points * self.parts.channels * self.parts.coefficients;
+        fn rows<T: Copy>(from: &[T], keep: &[usize], width: usize) -> Vec<T> {
+            keep.iter().flat_map(|&i| &from[i * width..(i + 1) * width]).copied().collect()
+        }
+        let mut parts = self.parts;
+        parts.parameters = rows(&parts.parameters, keep, a);
+        parts.bone_rotations = rows(&parts.bone_rotations, keep, bones);
+        parts.clips = rows(&parts.clips, keep, 1);
+        let source = match self.source {
+            Source::Memory => {
+                parts.values = rows(&parts.values, keep, numbers);
+                Source::Memory
+            }
+            Source::Stored { dataset, poses } => {
+                Source::Stored { dataset, poses: rows(&poses, keep, 1) }
+            }
+        };
+        Self { parts, skin: self.skin, source }
+    }
+
     /// With the skin weights of every point: pairs of a node and its share.
     ///
     /// # Panics

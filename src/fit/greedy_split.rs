@@ -67,7 +67,7 @@ impl Open {
 /// mean is split again and again: that row founds a new one, and takes the members that are nearer
 /// to it than to the mean.
 pub(super) fn greedy_split(rows: &[f32], width: usize, until: Until) -> Vec<u32> {
-    let n = if width == 0 { 0 } else { rows.len() / width };
+    let n = rows.len().checked_div(width).unwrap_or(0);
     let mut labels = vec![0_u32; n];
     let mut heap = BinaryHeap::new();
     heap.push(Open::new(rows, width, (0..n as u32).collect(), 0));

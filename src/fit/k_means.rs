@@ -12,7 +12,7 @@ const STEPS: usize = 100;
 /// order of their first rows: Lloyd's iteration from k-means++ starts, the best of several. Rows
 /// that coincide never share fewer clusters than there are distinct ones, so no cluster is empty.
 pub(super) fn k_means(rows: &[f64], width: usize, count: usize, seed: u64) -> Vec<usize> {
-    let n = if width == 0 { 0 } else { rows.len() / width };
+    let n = rows.len().checked_div(width).unwrap_or(0);
     let mut best: Option<(f64, Vec<usize>)> = None;
     for restart in 0..RESTARTS {
         let mut centres = plus_plus(rows, width, count, hash(&[seed, restart]));

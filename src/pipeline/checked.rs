@@ -330,6 +330,15 @@ fn checked_reference(target: &TargetRecipe) -> Result<ReferenceSettings, RecipeE
             "it must be positive",
         )?;
     }
+    if let Some(bytes) = target.max_bytes {
+        require(bytes > 0, "target.max_bytes", bytes, "it must be positive")?;
+    }
+    let times = [("target.max_us", target.max_us), ("target.max_fit_s", target.max_fit_s)];
+    for (field, time) in times {
+        if let Some(time) = time {
+            require(time > 0.0 && time.is_finite(), field, time, "it must be positive")?;
+        }
+    }
     Ok(ReferenceSettings { factor, poses: poses as usize, max_error: target.max_error })
 }
 
@@ -413,6 +422,8 @@ mod tests {
         assert_eq!(fault(|r| r.target.reference_factor = 7), "target.reference_factor");
         assert_eq!(fault(|r| r.target.reference_poses = 0), "target.reference_poses");
         assert_eq!(fault(|r| r.target.max_error = Some(0.0)), "target.max_error");
+        assert_eq!(fault(|r| r.target.max_bytes = Some(0)), "target.max_bytes");
+        assert_eq!(fault(|r| r.target.max_us = Some(f64::NAN)), "target.max_us");
     }
 
     /// The sentence names the field, what it says and what it may say.

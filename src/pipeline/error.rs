@@ -46,6 +46,9 @@ pub enum Error {
         /// Poses in all.
         total: u64,
     },
+    /// No candidate could be fitted to the data.
+    #[error("none of the candidates has sizes that these data allow; bake more poses")]
+    NothingToChoose,
     /// A file that could not be read or written.
     #[error("could not {action} {path}: {source}", path = path.display())]
     File {

@@ -44,6 +44,20 @@ pub fn fit_without(
     recipe: &Recipe,
     left_out: &[i32],
 ) -> Result<FittedModel, Error> {
+    fit_part(dataset, recipe, left_out, None)
+}
+
+/// [`fit_without`] some clips, or to some of the training poses only: `keep` are their indices,
+/// ascending, among the poses that are left.
+///
+/// # Errors
+/// As [`fit`].
+pub(super) fn fit_part(
+    dataset: &Dataset,
+    recipe: &Recipe,
+    left_out: &[i32],
+    keep: Option<&[usize]>,
+) -> Result<FittedModel, Error> {
     let checked = Checked::new(recipe)?;
     let mut settings = checked.fit;
     if dataset.header().layout.parameters == 0 {
@@ -65,8 +79,15 @@ pub fn fit_without(
     let (training, rig) = encoding::training(dataset, recipe, left_out)?;
     let job = (settings.unshadowed || settings.spheres.is_some()).then(|| super::job_of(dataset));
     let job = job.transpose()?;
-    let fitted =
-        fit_sizes(&training, settings, recipe, job.as_ref().map(|job| geometry(job, left_out)))?;
+    let mut geometry = job.as_ref().map(|job| geometry(job, left_out));
+    let training = match keep {
+        Some(keep) => training.only(keep),
+        None => training,
+    };
+    if let (Some(keep), Some(geometry)) = (keep, &mut geometry) {
+        geometry.poses = keep.iter().map(|&i| geometry.poses[i]).collect();
+    }
+    let fitted = fit_sizes(&training, settings, recipe, geometry)?;
     let fit_s = start.elapsed().as_secs_f64();
     let Fitted { decoder, training, report, occluders } = fitted;
     let kind = (decoder.family(), settings.frame);

@@ -232,11 +232,25 @@ pub struct TargetRecipe {
     pub reference_poses: u32,
     /// Largest novel error accepted, as RMSE of a coefficient; when missed, the exit status is 3.
     pub max_error: Option<f32>,
+    /// Largest blob accepted, bytes.
+    pub max_bytes: Option<u64>,
+    /// Longest evaluation accepted, microseconds for all coefficients on one core.
+    pub max_us: Option<f64>,
+    /// Longest fit accepted, seconds.
+    pub max_fit_s: Option<f64>,
 }
 
 impl Default for TargetRecipe {
     fn default() -> Self {
-        Self { on: OnName::Novel, reference_factor: 8, reference_poses: 100, max_error: None }
+        Self {
+            on: OnName::Novel,
+            reference_factor: 8,
+            reference_poses: 100,
+            max_error: None,
+            max_bytes: None,
+            max_us: None,
+            max_fit_s: None,
+        }
     }
 }
 

@@ -13,7 +13,7 @@ use super::progress::{Progress, Stage, Watch};
 use super::{Error, FittedModel, fit, timing};
 use crate::choose::{Point, SplitError, front};
 use crate::dataset::Dataset;
-use crate::measure::report::{Scatter, scatter};
+use crate::measure::report::{Place, Scatter, scatter};
 use crate::measure::{CandidateMeasured, Measured};
 use crate::model::{Model, Precision};
 
@@ -213,7 +213,7 @@ impl Tradeoff {
         let groups: Vec<String> = families.iter().map(|&family| family.clone()).collect();
         let group = |p: &Point| groups.iter().position(|g| *g == p.family).unwrap_or(0);
         let place = |p: &Point| (cost(p), self.error(p), group(p), p.name.clone());
-        let points: Vec<(f64, f64, usize, String)> = self.points.iter().map(place).collect();
+        let points: Vec<Place> = self.points.iter().map(place).collect();
         let places: Vec<(f64, f64)> = points.iter().map(|p| (p.0, p.1)).collect();
         scatter(&Scatter {
             title: &format!("{}: error on {} poses", self.scene, self.split),

@@ -2,17 +2,23 @@
 
 use serde_json::json;
 
+use crate::choose::Target;
 use crate::cli::args::FitCommandArgs;
 use crate::cli::{Answer, units};
 use crate::dataset::Dataset;
 use crate::model::Model;
-use crate::pipeline::{self, Checked, FittedModel, Watch, files};
+use crate::pipeline::recipe::{Recipe, TargetRecipe};
+use crate::pipeline::{self, Checked, FittedModel, Range, VALIDATION, Watch, files};
 
-pub(in crate::cli) fn fit(args: &FitCommandArgs, _watch: &Watch) -> anyhow::Result<Answer> {
+pub(in crate::cli) fn fit(args: &FitCommandArgs, watch: &Watch) -> anyhow::Result<Answer> {
     let dataset = Dataset::open(&args.dataset)?;
     let mut recipe = pipeline::recipe_of(&dataset)?;
     args.edit(&mut recipe);
     let checked = Checked::new(&recipe)?;
+    let target = target(&recipe);
+    if target.is_any() {
+        return choose(args, &dataset, &recipe, &target, watch);
+    }
     let fitted = pipeline::fit(&dataset, &recipe)?;
     let blob = fitted.model.to_bytes(checked.precision)?;
     files::publish(&args.output, &blob)?;
@@ -23,6 +29,69 @@ pub(in crate::cli) fn fit(args: &FitCommandArgs, _watch: &Watch) -> anyhow::Resu
     );
     let json = json!({ "model": args.output, "fit": figures(&fitted, blob.len() as u64) });
     Ok(Answer::new(text, json))
+}
+
+fn target(recipe: &Recipe) -> Target {
+    let TargetRecipe { max_error, max_bytes, max_us, max_fit_s, .. } = recipe.target;
+    Target { max_error: max_error.map(f64::from), max_bytes, max_us, max_fit_s }
+}
+
+/// The simplest model that meets the target by validation on training clips, confirmed on the
+/// motion that was held out.
+fn choose(
+    args: &FitCommandArgs,
+    dataset: &Dataset,
+    recipe: &Recipe,
+    target: &Target,
+    watch: &Watch,
+) -> anyhow::Result<Answer> {
+    let points = dataset.header().layout.points;
+    let mut candidates = pipeline::candidates(recipe, points, Range::Quick);
+    if args.names_family() {
+        candidates.retain(|c| c.recipe.fit.family == recipe.fit.family);
+    }
+    let found = pipeline::search(dataset, &candidates, target, watch)?;
+    let checked = Checked::new(&found.recipe)?;
+    let blob = found.fitted.model.to_bytes(found.precision)?;
+    // The judge sees what is stored, not what was fitted.
+    let mut model = Model::from_bytes(&blob)?;
+    let (figures, _) = pipeline::examine(&mut model, dataset, &found.recipe, watch)?;
+    let confirmed = pipeline::meets_target(&figures.measured, checked.reference);
+    files::publish(&args.output, &model.to_bytes(found.precision)?)?;
+    let point = &found.points[found.chosen];
+    let error = point.errors.get(VALIDATION).copied().unwrap_or_default();
+    let met = found.met && confirmed;
+    let mut text = format!(
+        "{}\n  {} of {} candidates in {}: {}, {} µs a pose; RMSE {:.5} leaving out {}\n{}",
+        args.output.display(),
+        if met { "the simplest that meets the target" } else { "the best that was reached" },
+        found.points.len(),
+        units::seconds(found.search_s),
+        point.name,
+        point.evaluate_us.round(),
+        error.rms,
+        found.left_out,
+        super::measure::table(&figures.measured),
+    );
+    let remedy = found.shares.remedy();
+    if !met {
+        text += &format!("\n  the target is not met; what would help most: {}", remedy.advice());
+    }
+    let json = json!({
+        "model": args.output,
+        "chosen": point,
+        "met_in_validation": found.met,
+        "met": met,
+        "left_out": found.left_out,
+        "shares": found.shares,
+        "remedy": if met { None } else { Some(remedy) },
+        "search_s": found.search_s,
+        "points": found.points,
+        "figures": figures,
+    });
+    let mut answer = Answer::new(text, json);
+    answer.met = met;
+    Ok(answer)
 }
 
 /// A fitted model in a line.

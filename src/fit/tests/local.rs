@@ -13,7 +13,9 @@ pub(super) fn multilinear(m: &Multilinear, x: &[f32], width: usize) -> Vec<f64> 
     let inner = m.inputs + usize::from(m.intercepts);
     let offset = |j: usize, i: usize| f(x[i]) - f(m.centres[j * a + i]);
     let distance = |j: usize| (0..a).map(|i| offset(j, i).powi(2)).sum::<f64>().sqrt().max(1e-9);
-    let raw: Vec<f64> = (0..clusters).map(|j| distance(j).powf(-f(m.blend_exponent))).collect();
+    let least = (0..clusters).map(distance).fold(f64::INFINITY, f64::min);
+    let share = |j: usize| (least / distance(j)).powf(f(m.blend_exponent));
+    let raw: Vec<f64> = (0..clusters).map(share).collect();
     let rows = m.coefficients.len() / (clusters * width * inner);
     let points = if m.row_of_point.is_empty() { rows } else { m.row_of_point.len() / clusters };
     let output = |at: usize| {
@@ -61,19 +63,19 @@ pub(super) fn clustered(m: &Clustered, centre: &[f32], x: &[f32], width: usize) 
     out
 }
 
-fn multilinear_family(clusters: usize, inputs: usize, points: PointClusters) -> Family {
+pub(super) fn multilinear_family(clusters: usize, inputs: usize, points: PointClusters) -> Family {
     let (published, blend_exponent) = (false, 10.0);
     Family::Multilinear(MultilinearSizes { clusters, inputs, points, published, blend_exponent })
 }
 
-fn clustered_family(form: Form, clusters: usize) -> Family {
+pub(super) fn clustered_family(form: Form, clusters: usize) -> Family {
     let (inputs, outputs) = (Kept::Share(1.0), Kept::Share(1.0));
     let (clusters, neurons) = (Some(clusters), Some(6));
     Family::Clustered(ClusteredSizes { form, clusters, inputs, outputs, neurons })
 }
 
 /// Root mean square of the fit on its own poses.
-fn rmse(parts: &TrainingParts, fitted: &Fitted) -> f64 {
+pub(super) fn rmse(parts: &TrainingParts, fitted: &Fitted) -> f64 {
     let a = parts.parameter_names.len();
     let errors = |pose: usize| -> f64 {
         let x = &parts.parameters[pose * a..(pose + 1) * a];

@@ -1,6 +1,7 @@
 //! Proofs of the families as wholes, through [`super::fit`]: synthetic training sets, slow oracles.
 
 mod edges;
+mod extremes;
 mod families;
 mod frames;
 mod left_out;

@@ -19,7 +19,7 @@ mod text;
 pub use input::{
     Character, ClipFacts, LeftOut, ModelFacts, Phase, ReportInput, RestMesh, Spectrum, Times,
 };
-pub use scatter::{Scatter, scatter};
+pub use scatter::{Place, Scatter, scatter};
 
 use super::Split;
 use text::escape;

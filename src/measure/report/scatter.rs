@@ -8,6 +8,9 @@ use super::text::escape;
 const COLOURS: [&str; 8] =
     ["#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#bb7744", "#888888"];
 
+/// A point: across, up, index of its group, and what a pointer shows.
+pub type Place = (f64, f64, usize, String);
+
 /// One picture.
 #[derive(Debug)]
 pub struct Scatter<'a> {
@@ -19,8 +22,8 @@ pub struct Scatter<'a> {
     pub y_name: &'a str,
     /// The groups that points are coloured by.
     pub groups: &'a [String],
-    /// Across, up, index of the group, and what a pointer shows. Positive numbers only are drawn.
-    pub points: &'a [(f64, f64, usize, String)],
+    /// Those with positive numbers are drawn.
+    pub points: &'a [Place],
     /// Indices of points that a line joins, in order.
     pub front: &'a [usize],
 }
@@ -28,9 +31,9 @@ pub struct Scatter<'a> {
 /// The picture as an SVG file.
 #[must_use]
 pub fn scatter(scatter: &Scatter<'_>) -> String {
-    let drawn = |p: &&(f64, f64, usize, String)| p.0 > 0.0 && p.1 > 0.0;
+    let drawn = |p: &&Place| p.0 > 0.0 && p.1 > 0.0;
     let points = || scatter.points.iter().filter(drawn);
-    let range = |of: &dyn Fn(&(f64, f64, usize, String)) -> f64| {
+    let range = |of: fn(&Place) -> f64| {
         let low = points().map(of).fold(f64::INFINITY, f64::min);
         let high = points().map(of).fold(0.0, f64::max);
         if low < high {
@@ -39,7 +42,7 @@ pub fn scatter(scatter: &Scatter<'_>) -> String {
             Axis::log(high / 2.0, high * 2.0)
         }
     };
-    let axes = (range(&|p| p.0), range(&|p| p.1));
+    let axes = (range(|p| p.0), range(|p| p.1));
     let mut plot = Plot::new("tradeoff", (960.0, 540.0), axes);
     plot.grid(scatter.x_name, scatter.y_name);
     let front = scatter.front.iter().map(|&i| &scatter.points[i]).filter(drawn);
