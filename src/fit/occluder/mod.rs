@@ -122,6 +122,7 @@ pub(super) fn fit(
     let training: f64 =
         moments.iter().zip(&weights).map(|(point, weights)| point.all.residual(weights)).sum();
     placed.occluders.weights = weights.iter().flatten().map(|&w| w as f32).collect();
+    placed.occluders = std::mem::take(&mut placed.occluders).in_eight_bits(points);
     let numbers = (source.poses() * points * source.width()) as f64;
     Ok(OccluderReport {
         spheres: placed.occluders.spheres(),
@@ -242,9 +243,10 @@ impl Solver {
     fn new(pooled: &Pooled, points: usize, settings: &Settings) -> Self {
         let groups = pooled.all.cross.len();
         let energy = pooled.all.diagonal();
-        // A trace of a penalty towards "blocks as it is" settles groups that never move.
-        let trace: Vec<f64> =
-            energy.iter().map(|energy| 1e-6 * energy + f64::MIN_POSITIVE).collect();
+        let scale = energy.iter().sum::<f64>() / groups.max(1) as f64;
+        // A little towards "blocks as it is" for all groups alike: one that hardly moves, such as
+        // a stiff limb's own, would otherwise take any weight that its noise suggests.
+        let trace = vec![1e-3 * scale + f64::MIN_POSITIVE; groups];
         let share = |moments: &Moments| moments.solve(&vec![1.0; groups], &trace);
         let fixed = match (settings.on, settings.ridge) {
             (On::Trained, _) => Some(PENALTIES[0]),
@@ -254,7 +256,7 @@ impl Solver {
         Self {
             shared: share(&pooled.all),
             shared_folds: pooled.folds.iter().map(share).collect(),
-            scale: energy.iter().sum::<f64>() / (points * groups).max(1) as f64,
+            scale: scale / points.max(1) as f64,
             fixed,
         }
     }

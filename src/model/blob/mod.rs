@@ -5,7 +5,7 @@ mod quantise;
 mod read;
 mod write;
 
-use super::{Error, Model, Precision};
+use super::{Error, Model, Occluders, Precision};
 
 /// Bytes of a blob's parts. `decoder` is what MATH.md §5's formula counts; the rest stands beside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,6 +54,20 @@ impl Model {
     #[must_use]
     pub fn sizes(&self, precision: Precision) -> Sizes {
         layout::sizes(self, precision)
+    }
+}
+
+impl Occluders {
+    /// The same occluders, their weights rounded to what 8 bits hold: 255 steps for each group.
+    /// Then every precision has the same weights, and whatever is fitted to what they leave makes
+    /// up for the rounding. Weights that 8 bits cannot hold stay as they are.
+    #[must_use]
+    pub fn in_eight_bits(mut self, points: usize) -> Self {
+        let entry = layout::occluder_weights(points, self.groups(points));
+        if let Ok(encoded) = quantise::encode(&entry, &self.weights, Precision::I8) {
+            self.weights = quantise::decode(&entry, &encoded.bytes, &encoded.scales, Precision::I8);
+        }
+        self
     }
 }
 

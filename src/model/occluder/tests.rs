@@ -179,6 +179,26 @@ fn blobs_round_trip() {
     }
 }
 
+/// Proves that weights which were rounded to 8 bits come back from every precision as they were
+/// (from f16 to its eleven bits), and that rounding moves none by more than half a step.
+#[test]
+fn rounded_weights_survive_every_precision() {
+    let plain = synthetic::model(Family::Mean, Signal::Ao, Frame::Bone, 1);
+    let before = synthetic::occluders();
+    let rounded = before.clone().in_eight_bits(synthetic::POINTS);
+    for (a, b) in before.weights.iter().zip(&rounded.weights) {
+        assert!((a - b).abs() <= 0.5001 / 127.0, "{a} {b}");
+    }
+    let model = plain.with_occluders(rounded.clone()).unwrap();
+    for (precision, bound) in [(Precision::F32, 0.0), (Precision::F16, 5e-4), (Precision::I8, 0.0)]
+    {
+        let read = Model::from_bytes(&model.to_bytes(precision).unwrap()).unwrap();
+        for (a, b) in read.occluders().unwrap().weights.iter().zip(&rounded.weights) {
+            assert!((a - b).abs() <= bound, "{precision} {a} {b}");
+        }
+    }
+}
+
 /// Proves that occluders which do not fit their model are refused with what is wrong, and that a
 /// model which looks at the mesh says so.
 #[test]
