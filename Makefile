@@ -1,4 +1,5 @@
 # make demo   a bundled character, baked, fitted, measured: ends with demo/run/report.html
+# make serve  the service, on this machine only: http://127.0.0.1:7878
 # make test   format, lints, documentation, every test
 # make bench  the measured tables of README
 # make fuzz   the readers of foreign bytes, ten million runs each
@@ -13,7 +14,7 @@ DEMO ?= demo
 DEMO_FLAGS ?= --rays 128
 BUILT ?= build
 
-.PHONY: demo test bench fuzz setup build
+.PHONY: demo serve test bench fuzz setup build
 
 setup:
 	@.ci/setup
@@ -25,6 +26,9 @@ demo: $(BUILT)
 	$(BIN) sample figure -o $(DEMO)/figure.glb
 	$(BIN) run $(DEMO)/figure.glb -o $(DEMO)/run --hold-out jump $(DEMO_FLAGS)
 	@echo "Look at $(DEMO)/run/report.html"
+
+serve: $(BUILT)
+	$(BIN) serve $(SERVE_FLAGS)
 
 # The tables of README. CHARACTERS names a folder of GLB files; without it the table of characters
 # is made from the bundled one.

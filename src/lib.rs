@@ -21,6 +21,7 @@
 //! | 11 | `measure` | errors, costs, reports |
 //! | 13 | `choose` | what a target asks for |
 //! | 14 | `pipeline` | recipe, run, resume |
+//! | 15 | `serve` | the service: HTTP, jobs, stores |
 //! | 16 | `cli` | arguments, progress, output |
 //!
 //! *Invariant:* a module uses only modules of lower rank; `tests/tidy.rs` fails otherwise.
@@ -54,3 +55,6 @@ pub mod trace;
 
 #[cfg(feature = "cli")]
 pub mod cli;
+
+#[cfg(feature = "serve")]
+pub mod serve;

@@ -65,6 +65,12 @@ pub(crate) enum Command {
     Apply(ApplyArgs),
     /// Print the JSON Schema of the recipe.
     Schema,
+    /// Serve jobs, models and evaluation over HTTP.
+    #[cfg(feature = "serve")]
+    Serve(super::serve_args::ServeArgs),
+    /// Make, list and end the access tokens of a service.
+    #[cfg(feature = "serve")]
+    Token(super::serve_args::TokenArgs),
 }
 
 #[derive(Debug, Args)]

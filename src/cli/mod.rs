@@ -9,6 +9,8 @@ mod commands;
 mod files;
 mod fit_args;
 mod screen;
+#[cfg(feature = "serve")]
+mod serve_args;
 mod surroundings;
 mod units;
 
@@ -76,7 +78,7 @@ fn status(error: &anyhow::Error) -> u8 {
 
 fn start(cli: Cli) -> anyhow::Result<Answer> {
     listen();
-    log();
+    log(&cli.command);
     let threads = usize::from(cli.threads.unwrap_or(0));
     rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
@@ -101,6 +103,10 @@ fn run(command: Command, watch: &Watch) -> anyhow::Result<Answer> {
         Command::Run(args) => commands::run(&args, watch),
         Command::Apply(args) => commands::apply(&args),
         Command::Schema => commands::schema(),
+        #[cfg(feature = "serve")]
+        Command::Serve(args) => commands::serve(&args, &STOP),
+        #[cfg(feature = "serve")]
+        Command::Token(args) => commands::token(&args),
     }
 }
 
@@ -116,15 +122,15 @@ fn listen() {
     let _ = ctrlc::set_handler(handler);
 }
 
-/// Warnings of the stages go to stderr.
-fn log() {
+/// Warnings of the stages go to stderr; a service writes one line for everything it does.
+fn log(command: &Command) {
+    let quiet = tracing_subscriber::fmt().with_writer(std::io::stderr).with_target(false);
     // A second subscriber can only be one that a caller of the library has set.
-    let _ = tracing_subscriber::fmt()
-        .with_writer(std::io::stderr)
-        .with_max_level(tracing::Level::WARN)
-        .without_time()
-        .with_target(false)
-        .try_init();
+    let _ = match command {
+        #[cfg(feature = "serve")]
+        Command::Serve(_) => quiet.with_max_level(tracing::Level::INFO).with_ansi(false).try_init(),
+        _ => quiet.with_max_level(tracing::Level::WARN).without_time().try_init(),
+    };
 }
 
 /// A reader that closed the pipe has heard enough.

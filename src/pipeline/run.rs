@@ -12,12 +12,16 @@ use crate::dataset::Dataset;
 use crate::measure::{Measured, Split};
 use crate::model::Model;
 
-/// Names of the results in the output folder.
+/// Name of the data set in the output folder.
 const DATASET: &str = "dataset.zarr";
-const MODEL: &str = "model.safetensors";
-const FIGURES: &str = "figures.json";
-const REPORT: &str = "report.html";
-const RECIPE: &str = "recipe.json";
+/// Name of the model's blob in the output folder.
+pub const MODEL: &str = "model.safetensors";
+/// Name of the figures in the output folder.
+pub const FIGURES: &str = "figures.json";
+/// Name of the report page in the output folder.
+pub const REPORT: &str = "report.html";
+/// Name of the resolved recipe in the output folder.
+pub const RECIPE: &str = "recipe.json";
 
 /// Bounds what is read back.
 const MOST_FIGURES_BYTES: u64 = 256 << 20;

@@ -3,11 +3,10 @@
 use anyhow::{Context, ensure};
 use serde_json::json;
 
-use super::evaluate;
 use crate::cli::Answer;
 use crate::cli::args::ApplyArgs;
 use crate::model::{Model, Signal};
-use crate::pipeline::{self, files};
+use crate::pipeline::{self, Query, files};
 use crate::pose;
 use crate::rig::Pose;
 use crate::scene::{self, Attribute};
@@ -41,9 +40,9 @@ pub(in crate::cli) fn apply(args: &ApplyArgs) -> anyhow::Result<Answer> {
             pose::evaluate(clip, args.time, &rest)
         }
     };
-    let query = evaluate::query(&model, &scene, &posed)?;
+    let query = Query::from_pose(&model, &scene, &posed)?;
     let mut values = Vec::new();
-    evaluate::spread(&model, &evaluate::coefficients(&model, &query)?, &mut values);
+    query.values(&model, None, None, &mut values)?;
     let attributes = attributes(&model, &values, args.colour);
     let main = scene.sources.first().context("the scene has no file")?;
     let glb = scene::attach(&main.bytes, &scene.mesh.parts, &attributes)?;

@@ -8,6 +8,8 @@ mod inspect;
 mod measure;
 mod run;
 mod sample;
+#[cfg(feature = "serve")]
+mod serve;
 mod tradeoff;
 
 pub(super) use apply::apply;
@@ -18,6 +20,8 @@ pub(super) use inspect::inspect;
 pub(super) use measure::measure;
 pub(super) use run::run;
 pub(super) use sample::{sample, schema};
+#[cfg(feature = "serve")]
+pub(super) use serve::{serve, token};
 pub(super) use tradeoff::tradeoff;
 
 use std::path::Path;

@@ -1,0 +1,66 @@
+//! `poselight serve` and `poselight token`: the service and who may use it.
+
+use std::sync::atomic::AtomicBool;
+
+use anyhow::{Context, ensure};
+use serde_json::json;
+
+use crate::cli::Answer;
+use crate::cli::serve_args::{ServeArgs, TokenArgs, TokenCommand};
+use crate::serve::{self, Limits, Settings, Store};
+
+pub(in crate::cli) fn serve(args: &ServeArgs, stop: &'static AtomicBool) -> anyhow::Result<Answer> {
+    let defaults = Limits::default();
+    let limits = Limits {
+        asset_bytes: args.max_asset_mib.map_or(defaults.asset_bytes, |mib| u64::from(mib) << 20),
+        assets_bytes: args.max_assets_gib.map_or(defaults.assets_bytes, |gib| u64::from(gib) << 30),
+        queued_jobs: args.max_queued,
+        running_jobs: args.jobs,
+        request_s: args.request_timeout,
+        head_s: args.head_timeout,
+        connections: args.max_connections,
+        hot_bytes: u64::from(args.cache_mib) << 20,
+        ..defaults
+    };
+    let settings = Settings { folder: args.data.clone(), address: args.listen, limits };
+    let mut bound = None;
+    serve::serve(settings, stop, |address| {
+        tracing::info!(%address, folder = %args.data.display(), "listening");
+        bound = Some(address);
+    })?;
+    let address = bound.map(|address| address.to_string());
+    Ok(Answer::new("stopped".to_owned(), json!({ "address": address, "stopped": true })))
+}
+
+pub(in crate::cli) fn token(args: &TokenArgs) -> anyhow::Result<Answer> {
+    let store = Store::visit(&args.data)?;
+    match &args.command {
+        TokenCommand::Create { name, scope, days } => {
+            ensure!(
+                !name.is_empty() && name.len() <= 100 && !name.contains(char::is_control),
+                "a name has 1 to 100 characters"
+            );
+            let mut scopes: Vec<&str> = scope.iter().map(|scope| scope.name()).collect();
+            scopes.sort_unstable();
+            scopes.dedup();
+            let made = store.create_token(name, &scopes.join(" "), *days)?;
+            let json = json!({ "name": name, "token": made.secret, "scopes": scopes, "expires_ms": made.expires_ms });
+            Ok(Answer::new(made.secret, json))
+        }
+        TokenCommand::List => {
+            let tokens = store.tokens()?;
+            let line = |token: &serve::Token| format!("{}: {}", token.name, token.scopes);
+            let text: Vec<String> = tokens.iter().map(line).collect();
+            let shown: Vec<_> = tokens
+                .iter()
+                .map(|t| json!({ "name": t.name, "scopes": t.scopes, "expires_ms": t.expires_ms }))
+                .collect();
+            Ok(Answer::new(text.join("\n"), json!({ "tokens": shown })))
+        }
+        TokenCommand::Revoke { name } => {
+            let found = store.revoke_token(name)?;
+            found.then_some(()).with_context(|| format!("there is no token `{name}`"))?;
+            Ok(Answer::new(format!("{name} is revoked"), json!({ "revoked": name })))
+        }
+    }
+}

@@ -1,0 +1,323 @@
+//! A model at poses: from clips, joint rotations or parameters to coefficients or shading by vertex.
+
+use glam::Vec3;
+
+use crate::model::{self, Distance, Frame, JointPose, Model, PosedInput, Signal, Surface};
+use crate::pose;
+use crate::rig::{self, Deformed, Pose};
+use crate::scene::Scene;
+
+/// Why a model cannot be evaluated as asked.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum EvaluateError {
+    /// The model's own objection.
+    #[error(transparent)]
+    Model(#[from] model::Error),
+    /// No such clip.
+    #[error("the scene has no clip `{name}`; it has {known}")]
+    Clip {
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        known: String,
+    },
+    /// The scene is not the model's.
+    #[error("the scene has no node `{0}`, which the model's rig has")]
+    Node(String),
+    /// The scene is not the model's.
+    #[error("the scene has {found} vertices, but the model is of a mesh with {expected}")]
+    Vertices {
+        /// In the scene.
+        found: usize,
+        /// In the model.
+        expected: usize,
+    },
+    /// The model looks at the posed mesh.
+    #[error(
+        "the model looks at the posed mesh, which parameters and joints alone do not give: name a \
+         scene and its clip"
+    )]
+    NeedsScene,
+    /// Coefficients in the frames of bones cannot meet a light.
+    #[error("the model is in the bone frame: a light needs poses, not parameters")]
+    NeedsPose,
+    /// Visibility has no shading.
+    #[error("a model of `visibility` has no shading; `transfer` and `ao` fold a light")]
+    NoShading,
+    /// A light of the wrong size.
+    #[error("the light has {found} coefficients a colour, the model takes {expected}")]
+    Light {
+        /// Given.
+        found: usize,
+        /// n².
+        expected: usize,
+    },
+    /// A light that is not finite.
+    #[error("the light is not finite everywhere")]
+    LightNotFinite,
+    /// A vertex that the mesh does not have.
+    #[error("vertex {vertex} is none of the model's {count}")]
+    Vertex {
+        /// Asked for.
+        vertex: u32,
+        /// How many there are.
+        count: usize,
+    },
+}
+
+/// One pose as the model takes it.
+#[derive(Debug, Clone)]
+pub struct Query {
+    parameters: Vec<f32>,
+    /// Absent where only parameters are known: the values then stay in the model's frame.
+    pose: Option<Pose>,
+    /// Where the model looks at the posed mesh: its points in the root frame.
+    surface: Option<Deformed>,
+}
+
+impl Query {
+    /// A pose given by the model's own parameters.
+    ///
+    /// # Errors
+    /// [`EvaluateError::NeedsScene`]; a wrong number of parameters.
+    pub fn from_parameters(model: &Model, parameters: &[f32]) -> Result<Self, EvaluateError> {
+        if model.needs_surface() {
+            return Err(EvaluateError::NeedsScene);
+        }
+        model.distance(parameters)?;
+        Ok(Self { parameters: parameters.to_vec(), pose: None, surface: None })
+    }
+
+    /// A pose given by joints and morph weights; what is not named is at rest.
+    ///
+    /// # Errors
+    /// [`EvaluateError::NeedsScene`]; unknown names, zero quaternions, numbers that are not finite.
+    pub fn from_joints(model: &Model, joints: &JointPose) -> Result<Self, EvaluateError> {
+        if model.needs_surface() {
+            return Err(EvaluateError::NeedsScene);
+        }
+        let pose = model.pose_of(joints)?;
+        let parameters = model.parameters_of_pose(&pose)?;
+        Ok(Self { parameters, pose: Some(pose), surface: None })
+    }
+
+    /// Poses of a scene's clip at times, seconds on the clip's own clock.
+    ///
+    /// # Errors
+    /// [`EvaluateError::Clip`], [`EvaluateError::Node`], [`EvaluateError::Vertices`].
+    pub fn from_clip(
+        model: &Model,
+        scene: &Scene,
+        name: &str,
+        times_s: impl IntoIterator<Item = f32>,
+    ) -> Result<Vec<Self>, EvaluateError> {
+        let clip = scene.clips.iter().find(|clip| clip.name == name).ok_or_else(|| {
+            let names: Vec<&str> = scene.clips.iter().map(|clip| clip.name.as_str()).collect();
+            EvaluateError::Clip { name: name.to_owned(), known: names.join(", ") }
+        })?;
+        let rest = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
+        let pose = |time_s| Self::from_pose(model, scene, &pose::evaluate(clip, time_s, &rest));
+        times_s.into_iter().map(pose).collect()
+    }
+
+    /// A pose of a scene, in the scene's order of nodes.
+    ///
+    /// # Errors
+    /// [`EvaluateError::Node`], [`EvaluateError::Vertices`].
+    pub fn from_pose(model: &Model, scene: &Scene, of_scene: &Pose) -> Result<Self, EvaluateError> {
+        let order = node_order(model, scene)?;
+        let local = order.iter().map(|&node| of_scene.local[node]).collect();
+        let pose = Pose { local, weights: of_scene.weights.clone() };
+        let surface = model.needs_surface().then(|| surface(model, scene, of_scene, &pose));
+        let parameters = model.parameters_of_pose(&pose)?;
+        Ok(Self { parameters, surface: surface.transpose()?, pose: Some(pose) })
+    }
+
+    /// The times of a clip's frames at a rate, seconds from 0; none where there is no such clip.
+    #[must_use]
+    pub fn times_of(scene: &Scene, name: &str, rate_hz: f32) -> Vec<f32> {
+        let clip = scene.clips.iter().find(|clip| clip.name == name);
+        let frames = clip.map_or(0, |clip| (clip.duration_s * rate_hz).floor() as usize + 1);
+        (0..frames).map(|frame| frame as f32 / rate_hz).collect()
+    }
+
+    /// How far the pose is from the training poses.
+    ///
+    /// # Errors
+    /// What [`Model::distance`] objects to.
+    pub fn distance(&self, model: &Model) -> Result<Distance, EvaluateError> {
+        Ok(model.distance(&self.parameters)?)
+    }
+
+    /// Whether the values come in the root frame, and so can meet a light.
+    #[must_use]
+    pub fn is_turned(&self, model: &Model) -> bool {
+        let header = model.header();
+        header.frame == Frame::Root || header.signal == Signal::Ao || self.pose.is_some()
+    }
+
+    /// Appends the values of the listed vertices, or of all: `[vertex, channel, coefficient]`, or
+    /// `[vertex, colour]` under a light.
+    ///
+    /// # Errors
+    /// [`EvaluateError::NeedsPose`] under a light; what the model objects to.
+    pub fn values(
+        &self,
+        model: &Model,
+        light: Option<&Light>,
+        vertices: Option<&[u32]>,
+        out: &mut Vec<f32>,
+    ) -> Result<(), EvaluateError> {
+        if light.is_some() && !self.is_turned(model) {
+            return Err(EvaluateError::NeedsPose);
+        }
+        let coefficients = self.coefficients(model)?;
+        let points = match light {
+            None => coefficients,
+            Some(light) => light.shade(&coefficients, usize::from(model.header().channels)),
+        };
+        spread(model, &points, vertices, out)
+    }
+
+    fn coefficients(&self, model: &Model) -> Result<Vec<f32>, EvaluateError> {
+        let header = model.header();
+        let mut out = vec![0.0; header.mesh.points as usize * header.width()];
+        let Some(pose) = &self.pose else {
+            model.evaluate(&self.parameters, None, &mut out)?;
+            return Ok(out);
+        };
+        let surface = self
+            .surface
+            .as_ref()
+            .map(|points| Surface { positions: &points.positions, normals: &points.normals });
+        let input = PosedInput {
+            parameters: &self.parameters,
+            bone_rotations: &model.bone_rotations_of(pose)?,
+            surface,
+        };
+        model.evaluate_posed(&input, &mut out)?;
+        Ok(out)
+    }
+}
+
+/// The model's points as the scene poses them, in the root frame. `of_scene` has the scene's order
+/// of nodes, `pose` the model's.
+fn surface(
+    model: &Model,
+    scene: &Scene,
+    of_scene: &Pose,
+    pose: &Pose,
+) -> Result<Deformed, EvaluateError> {
+    let (found, expected) = (scene.mesh.positions.len(), model.header().mesh.vertices as usize);
+    if found != expected {
+        return Err(EvaluateError::Vertices { found, expected });
+    }
+    let globals = scene.skeleton.globals(&of_scene.local);
+    let mut deformed = Deformed::default();
+    let root = model.root_frame_of(pose)?;
+    rig::deform(&scene.mesh, &globals, &of_scene.weights, root, &mut deformed);
+    let mut points = Deformed {
+        positions: vec![Vec3::ZERO; model.shape().points],
+        normals: vec![Vec3::Y; model.shape().points],
+    };
+    for (vertex, &point) in model.point_of_vertex().iter().enumerate() {
+        points.positions[point as usize] = deformed.positions[vertex];
+        points.normals[point as usize] = deformed.normals[vertex];
+    }
+    Ok(points)
+}
+
+/// The scene's node for each of the model's.
+fn node_order(model: &Model, scene: &Scene) -> Result<Vec<usize>, EvaluateError> {
+    let find =
+        |name: &String| scene.skeleton.find(name).ok_or_else(|| EvaluateError::Node(name.clone()));
+    model.header().rig.nodes.iter().map(|node| find(&node.name)).collect()
+}
+
+/// A light's coefficients by colour.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Light {
+    colours: Vec<Vec<f32>>,
+}
+
+impl Light {
+    /// A light of 1 or 3 colours, n² coefficients each, that a model can meet.
+    ///
+    /// # Errors
+    /// [`EvaluateError::NoShading`], [`EvaluateError::Light`], [`EvaluateError::LightNotFinite`].
+    pub fn new(model: &Model, colours: Vec<Vec<f32>>) -> Result<Self, EvaluateError> {
+        let header = model.header();
+        if header.signal == Signal::Visibility {
+            return Err(EvaluateError::NoShading);
+        }
+        let expected = header.coefficients();
+        let wrong = colours.iter().map(Vec::len).find(|&found| found != expected);
+        if let Some(found) = wrong.or((!matches!(colours.len(), 1 | 3)).then_some(0)) {
+            return Err(EvaluateError::Light { found, expected });
+        }
+        if colours.iter().flatten().any(|value| !value.is_finite()) {
+            return Err(EvaluateError::LightNotFinite);
+        }
+        Ok(Self { colours })
+    }
+
+    /// Colours of the shading of a model.
+    #[must_use]
+    pub fn colours(&self, model: &Model) -> usize {
+        usize::from(model.header().channels).max(self.colours.len())
+    }
+
+    /// `[point, channel, coefficient]` to `[point, colour]`: a light of one colour lights each
+    /// channel, a coloured one its own.
+    fn shade(&self, coefficients: &[f32], channels: usize) -> Vec<f32> {
+        let n = self.colours[0].len();
+        let colours = channels.max(self.colours.len());
+        let dot = |row: &[f32], colour: usize| -> f32 {
+            let light = &self.colours[colour.min(self.colours.len() - 1)];
+            let own = &row[colour.min(channels - 1) * n..][..n];
+            own.iter().zip(light).map(|(t, l)| t * l).sum()
+        };
+        let rows = coefficients.chunks_exact(n * channels);
+        rows.flat_map(|row| (0..colours).map(move |colour| dot(row, colour))).collect()
+    }
+}
+
+/// Points to the vertices that they stand for.
+fn spread(
+    model: &Model,
+    points: &[f32],
+    vertices: Option<&[u32]>,
+    out: &mut Vec<f32>,
+) -> Result<(), EvaluateError> {
+    let width = points.len() / model.header().mesh.points as usize;
+    let point_of = model.point_of_vertex();
+    let mut add = |point: u32| out.extend_from_slice(&points[point as usize * width..][..width]);
+    match vertices {
+        None => point_of.iter().for_each(|&point| add(point)),
+        Some(vertices) => {
+            for &vertex in vertices {
+                let count = point_of.len();
+                let point =
+                    point_of.get(vertex as usize).ok_or(EvaluateError::Vertex { vertex, count })?;
+                add(*point);
+            }
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One-channel transfer under a coloured light gives a colour each; a grey light lights every
+    /// channel alike.
+    #[test]
+    fn shading_pairs_channels_with_colours() {
+        let light = Light { colours: vec![vec![1.0, 0.0], vec![0.0, 1.0], vec![1.0, 1.0]] };
+        assert_eq!(light.shade(&[2.0, 3.0], 1), [2.0, 3.0, 5.0]);
+        let grey = Light { colours: vec![vec![1.0, 1.0]] };
+        assert_eq!(grey.shade(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 3), [3.0, 7.0, 11.0]);
+    }
+}

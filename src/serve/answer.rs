@@ -1,0 +1,113 @@
+//! Small things that every handler uses: bodies in, JSON out, work that blocks.
+
+use axum::body::Body;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use futures_util::StreamExt;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+use super::problem::Problem;
+
+/// Runs what blocks away from the threads that answer.
+pub(super) async fn blocking<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, Problem> + Send + 'static,
+) -> Result<T, Problem> {
+    tokio::task::spawn_blocking(work).await.unwrap_or_else(|panic| Err(Problem::internal(&panic)))
+}
+
+/// A body of at most `most` bytes.
+pub(super) async fn bytes(headers: &HeaderMap, body: Body, most: u64) -> Result<Vec<u8>, Problem> {
+    let too_large = || {
+        let detail = format!("the body has more than {most} bytes");
+        Problem::new(StatusCode::PAYLOAD_TOO_LARGE, "body-too-large", detail)
+            .limit("body_bytes", most)
+    };
+    if content_length(headers).is_some_and(|length| length > most) {
+        return Err(too_large());
+    }
+    let mut bytes = Vec::new();
+    let mut stream = body.into_data_stream();
+    while let Some(chunk) = stream.next().await {
+        let chunk = chunk.map_err(|_| broken())?;
+        if (bytes.len() + chunk.len()) as u64 > most {
+            return Err(too_large());
+        }
+        bytes.extend_from_slice(&chunk);
+    }
+    Ok(bytes)
+}
+
+/// A body that ended before its end.
+pub(super) fn broken() -> Problem {
+    Problem::new(StatusCode::BAD_REQUEST, "bad-request", "the body ended before its end")
+}
+
+/// What the client says the body's size is.
+pub(super) fn content_length(headers: &HeaderMap) -> Option<u64> {
+    headers.get(header::CONTENT_LENGTH)?.to_str().ok()?.parse().ok()
+}
+
+/// A document of a known kind; a fault names its field.
+pub(super) fn document<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
+    let mut reader = serde_json::Deserializer::from_slice(bytes);
+    let value: T = serde_path_to_error::deserialize(&mut reader).map_err(|error| {
+        let pointer = pointer(&error.path().to_string());
+        let fault = error.inner().to_string();
+        let status = match error.inner().classify() {
+            serde_json::error::Category::Data => StatusCode::UNPROCESSABLE_ENTITY,
+            _ => StatusCode::BAD_REQUEST,
+        };
+        Problem::new(status, "invalid-json", format!("{pointer}: {fault}")).at(pointer, fault)
+    })?;
+    reader.end().map_err(|error| {
+        Problem::new(StatusCode::BAD_REQUEST, "invalid-json", error.to_string())
+    })?;
+    Ok(value)
+}
+
+/// `a.b[3].c` as the JSON pointer `#/a/b/3/c`.
+pub(super) fn pointer(path: &str) -> String {
+    let parts = path.split(['.', '[']).map(|part| part.trim_end_matches(']'));
+    let parts = parts.filter(|part| !part.is_empty() && *part != "?");
+    parts.fold("#".to_owned(), |pointer, part| {
+        pointer + "/" + &part.replace('~', "~0").replace('/', "~1")
+    })
+}
+
+/// JSON with a status.
+pub(super) fn json(status: StatusCode, value: &Value) -> Response {
+    (status, [(header::CONTENT_TYPE, "application/json")], value.to_string()).into_response()
+}
+
+/// Whether a name in a path can be a SHA-256: what else it says never meets the file system.
+pub(super) fn is_sha256(name: &str) -> bool {
+    name.len() == 64 && name.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
+}
+
+/// A header's text.
+pub(super) fn text<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {
+    headers.get(name)?.to_str().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Paths of serde become pointers of RFC 6901.
+    #[test]
+    fn faults_point_at_their_field() {
+        assert_eq!(pointer("recipe.bake.order"), "#/recipe/bake/order");
+        assert_eq!(pointer("poses[3].joints"), "#/poses/3/joints");
+        assert_eq!(pointer("."), "#");
+    }
+
+    /// Only digests pass as names of files.
+    #[test]
+    fn names_are_digests() {
+        assert!(is_sha256(&"0af".repeat(22)[..64]));
+        for bad in ["", "..", &"A".repeat(64), &"a".repeat(63), &format!("../{}", "a".repeat(61))] {
+            assert!(!is_sha256(bad), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,190 @@
+//! `/v1/assets/{sha256}`: files, uploaded once by their content.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use axum::body::Body;
+use axum::extract::{Path as PathPart, Query, State};
+use axum::http::{HeaderMap, Method, StatusCode};
+use axum::response::Response;
+use futures_util::StreamExt;
+use serde::Deserialize;
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+use tokio::io::AsyncWriteExt;
+
+use super::answer::{self, blocking, content_length, is_sha256};
+use super::problem::Problem;
+use super::store::{Asset, hexadecimal};
+use super::{Service, StoreError, files, store};
+use crate::pipeline;
+
+/// How an upload says what its bytes are.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct UploadQuery {
+    /// A file name; its extension tells a scene from other files.
+    name: Option<String>,
+}
+
+/// A repeated upload up to this size is read to its end, so that a client that does not wait for
+/// `100 Continue` gets its answer.
+const READ_ANYWAY: u64 = 1 << 20;
+
+pub(super) async fn put(
+    State(service): State<Arc<Service>>,
+    PathPart(sha256): PathPart<String>,
+    Query(query): Query<UploadQuery>,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    if !is_sha256(&sha256) {
+        let fault = "an asset is named by 64 lower-case hexadecimal digits";
+        return Err(Problem::field("sha256", fault));
+    }
+    let length = content_length(&headers);
+    let known = lookup(&service, &sha256).await?;
+    // Importing anew is asked for by naming a scene that first came without a name.
+    let extension = extension(query.name.as_deref());
+    if let Some(asset) = known.filter(|asset| asset.kind == "scene" || extension.is_none()) {
+        if length.is_some_and(|length| length <= READ_ANYWAY) {
+            drop(answer::bytes(&headers, body, READ_ANYWAY).await);
+        }
+        return Ok(answer::json(StatusCode::OK, &show(&asset)));
+    }
+    check_room(&service, length).await?;
+    let incoming = Arc::new(service.store.folder().incoming()?);
+    let path = incoming.path().join(format!("asset.{}", extension.unwrap_or("bin")));
+    let (bytes, found) = receive(body, &path, service.settings.limits.asset_bytes).await?;
+    if bytes == 0 {
+        return Err(Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "bad-asset", "it has no bytes"));
+    }
+    if found != sha256 {
+        let detail = format!("the {bytes} bytes received have the SHA-256 {found}");
+        return Err(Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "hash-mismatch", detail));
+    }
+    let permit = service.imports.acquire().await.map_err(|error| Problem::internal(&error))?;
+    let worker = Arc::clone(&service);
+    let asset = blocking(move || {
+        let _incoming = incoming;
+        keep(&worker, &path, &sha256, bytes)
+    });
+    let asset = asset.await?;
+    drop(permit);
+    Ok(answer::json(StatusCode::CREATED, &show(&asset)))
+}
+
+pub(super) async fn get(
+    State(service): State<Arc<Service>>,
+    PathPart(sha256): PathPart<String>,
+    method: Method,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let asset = lookup(&service, &sha256).await?.ok_or_else(|| Problem::not_found("asset"))?;
+    let path = service.store.folder().asset(&sha256);
+    files::immutable(&path, &sha256, "application/octet-stream", &method, &headers)
+        .await
+        .map(|response| files::with(response, "poselight-kind", &asset.kind))
+}
+
+async fn lookup(service: &Arc<Service>, sha256: &str) -> Result<Option<Asset>, Problem> {
+    if !is_sha256(sha256) {
+        return Ok(None);
+    }
+    let (service, sha256) = (Arc::clone(service), sha256.to_owned());
+    blocking(move || Ok(service.store.asset(&sha256)?)).await
+}
+
+fn show(asset: &Asset) -> Value {
+    json!({
+        "sha256": asset.sha256,
+        "bytes": asset.bytes,
+        "kind": asset.kind,
+        "created_ms": asset.created_ms,
+    })
+}
+
+/// The extension of a file that the importer reads on its own.
+fn extension(name: Option<&str>) -> Option<&'static str> {
+    let extension = Path::new(name?).extension()?.to_str()?.to_ascii_lowercase();
+    ["glb", "obj", "npz"].into_iter().find(|known| *known == extension)
+}
+
+/// Refuses what is too large before it is sent.
+async fn check_room(service: &Arc<Service>, length: Option<u64>) -> Result<(), Problem> {
+    let limits = service.settings.limits;
+    let length = length.unwrap_or(0);
+    if length > limits.asset_bytes {
+        return Err(too_large(limits.asset_bytes));
+    }
+    let worker = Arc::clone(service);
+    let kept = blocking(move || Ok(worker.store.asset_bytes()?)).await?;
+    if kept.saturating_add(length) > limits.assets_bytes {
+        let detail = "all assets together would be over the limit";
+        return Err(Problem::new(StatusCode::INSUFFICIENT_STORAGE, "storage-full", detail)
+            .limit("assets_bytes", limits.assets_bytes));
+    }
+    Ok(())
+}
+
+fn too_large(most: u64) -> Problem {
+    let detail = format!("the asset has more than {most} bytes");
+    Problem::new(StatusCode::PAYLOAD_TOO_LARGE, "asset-too-large", detail)
+        .limit("asset_bytes", most)
+}
+
+/// Streams a body to a file; its size and SHA-256.
+async fn receive(body: Body, path: &PathBuf, most: u64) -> Result<(u64, String), Problem> {
+    let io = |source| StoreError::Io { action: "write", path: path.clone(), source };
+    let mut file = tokio::fs::File::create(path).await.map_err(io)?;
+    let mut hasher = Sha256::new();
+    let mut bytes = 0_u64;
+    let mut stream = body.into_data_stream();
+    while let Some(chunk) = stream.next().await {
+        let chunk = chunk.map_err(|_| answer::broken())?;
+        bytes += chunk.len() as u64;
+        if bytes > most {
+            return Err(too_large(most));
+        }
+        hasher.update(&chunk);
+        file.write_all(&chunk).await.map_err(io)?;
+    }
+    file.flush().await.map_err(io)?;
+    file.sync_all().await.map_err(io)?;
+    Ok((bytes, hexadecimal(&hasher.finalize())))
+}
+
+/// Imports a scene, and moves a sound file to its place.
+fn keep(service: &Service, path: &Path, sha256: &str, bytes: u64) -> Result<Asset, Problem> {
+    let kind = match check(path) {
+        None => "file",
+        Some(Ok(_)) => "scene",
+        Some(Err(error)) => return Err(bad_asset(&error)),
+    };
+    store::settle(path, &service.store.folder().asset(sha256))?;
+    service.store.add_asset(sha256, bytes, kind)?;
+    tracing::info!(sha256, bytes, kind, "asset");
+    let asset = service.store.asset(sha256)?;
+    asset.ok_or_else(|| Problem::internal(&"an asset that was just kept is gone"))
+}
+
+/// What the importer says of a scene; nothing of other files.
+fn check(path: &Path) -> Option<Result<(), pipeline::Error>> {
+    let named = path.extension().is_some_and(|extension| extension != "bin");
+    let starts = || {
+        let mut start = [0; 4];
+        let read = std::fs::File::open(path)
+            .and_then(|mut file| std::io::Read::read_exact(&mut file, &mut start));
+        read.is_ok() && &start == b"glTF"
+    };
+    (named || starts()).then(|| pipeline::import(path).map(drop))
+}
+
+/// The importer's place and fault, without the place of our own file.
+pub(super) fn bad_asset(error: &pipeline::Error) -> Problem {
+    let detail = match error {
+        pipeline::Error::Scene { source, .. } => source.to_string(),
+        other => other.to_string(),
+    };
+    Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "bad-asset", detail)
+}

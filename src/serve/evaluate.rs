@@ -1,0 +1,121 @@
+//! `POST /v1/models/{id}/evaluate`: values at poses, as JSON or as raw little-endian f32.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use axum::body::Body;
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde_json::json;
+
+use super::answer::{self, blocking, bytes, document, is_sha256};
+use super::jobs::accepts;
+use super::poses::{EvaluateRequest, refused};
+use super::problem::Problem;
+use super::{Service, files};
+use crate::model::{Distance, Model};
+
+/// The kind of an answer of raw numbers.
+pub(super) const RAW: &str = "application/octet-stream";
+
+/// Values and how far to trust them.
+struct Values {
+    /// `[pose, vertex, channel, coefficient]`, or `[pose, vertex, colour]` under a light.
+    shape: Vec<usize>,
+    values: Vec<f32>,
+    frame: &'static str,
+    /// One per pose.
+    distances: Vec<Distance>,
+    /// What a distance's residual is to be compared with.
+    residual_rms: f32,
+}
+
+pub(super) async fn post(
+    State(service): State<Arc<Service>>,
+    Path(id): Path<String>,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    if !is_sha256(&id) {
+        return Err(Problem::not_found("model"));
+    }
+    let body = bytes(&headers, body, service.settings.limits.body_bytes).await?;
+    let raw = accepts(&headers, RAW);
+    let worker = Arc::clone(&service);
+    let start = Instant::now();
+    let answer = blocking(move || {
+        let request: EvaluateRequest = document(&body)?;
+        let model = worker.hot.model(&worker, &id)?.ok_or_else(|| Problem::not_found("model"))?;
+        let values = evaluate(&worker, &model, &request)?;
+        Ok(if raw { as_bytes(values) } else { as_json(&values) })
+    })
+    .await;
+    service.metrics.evaluated(start.elapsed());
+    answer
+}
+
+fn evaluate(
+    service: &Service,
+    model: &Model,
+    request: &EvaluateRequest,
+) -> Result<Values, Problem> {
+    let header = model.header();
+    let light = request.light(model)?;
+    let queries = request.queries(service, model)?;
+    let vertices = request.vertices.as_deref();
+    let rows = vertices.map_or(header.mesh.vertices as usize, <[u32]>::len);
+    let mut shape = vec![queries.len(), rows];
+    match &light {
+        Some(light) => shape.push(light.colours(model)),
+        None => shape.extend([usize::from(header.channels), header.coefficients()]),
+    }
+    let most = service.settings.limits.answer_bytes;
+    let wanted = shape.iter().fold(4_u64, |bytes, &n| bytes.saturating_mul(n as u64));
+    if wanted > most {
+        let fault =
+            format!("the values of {shape:?} have {wanted} bytes; at most {most} are sent at once");
+        return Err(Problem::field("#", fault).limit("answer_bytes", most));
+    }
+    let mut values = Vec::with_capacity(wanted as usize / 4);
+    let mut distances = Vec::with_capacity(queries.len());
+    for query in &queries {
+        let refuse = |error| refused("#".to_owned(), &error);
+        distances.push(query.distance(model).map_err(refuse)?);
+        query.values(model, light.as_ref(), vertices, &mut values).map_err(refuse)?;
+    }
+    let turned = queries.iter().all(|query| query.is_turned(model));
+    let frame = if turned { "root" } else { "bone" };
+    let residual_rms = header.training.residual_rms;
+    Ok(Values { shape, values, frame, distances, residual_rms })
+}
+
+fn as_json(values: &Values) -> Response {
+    let distances = values.distances.iter().map(
+        |distance| json!({ "mahalanobis": distance.mahalanobis, "residual": distance.residual }),
+    );
+    let value = json!({
+        "shape": values.shape,
+        "frame": values.frame,
+        "distances": distances.collect::<Vec<_>>(),
+        "training_residual_rms": values.residual_rms,
+        "values": values.values,
+    });
+    answer::json(StatusCode::OK, &value)
+}
+
+/// The numbers alone; the rest goes into headers, the largest distance for all poses.
+fn as_bytes(values: Values) -> Response {
+    let shape: Vec<String> = values.shape.iter().map(ToString::to_string).collect();
+    let most = |of: fn(&Distance) -> f32| values.distances.iter().map(of).fold(0.0, f32::max);
+    let (mahalanobis, residual) = (most(|d| d.mahalanobis), most(|d| d.residual));
+    let response = ([(header::CONTENT_TYPE, RAW)], little_endian(&values.values)).into_response();
+    let response = files::with(response, "poselight-shape", &shape.join(","));
+    let response = files::with(response, "poselight-frame", values.frame);
+    let response = files::with(response, "poselight-mahalanobis-max", &mahalanobis.to_string());
+    files::with(response, "poselight-residual-max", &residual.to_string())
+}
+
+fn little_endian(values: &[f32]) -> Vec<u8> {
+    values.iter().flat_map(|value| value.to_le_bytes()).collect()
+}

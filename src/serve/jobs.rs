@@ -1,0 +1,305 @@
+//! `/v1/jobs`: submit, list, show, cancel, delete.
+
+use std::sync::Arc;
+
+use axum::body::Body;
+use axum::extract::{Extension, Path, Query, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+
+use super::answer::{self, blocking, bytes, text};
+use super::guard::Client;
+use super::problem::Problem;
+use super::request::{JobRequest, of_pipeline};
+use super::store::{self, Cancelled, Deleted, Job, Key, NewJob, Submitted, hexadecimal, now_ms};
+use super::{Service, store::State as JobState};
+use crate::pipeline;
+
+/// Entries of a page at most, and where nothing is said.
+const MOST_LISTED: u32 = 100;
+
+/// Bytes of an `Idempotency-Key`.
+const MOST_KEY_BYTES: usize = 255;
+
+/// A running job that told nothing for this long may be stuck.
+const STALLED_MS: i64 = 120_000;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SubmitQuery {
+    #[serde(default)]
+    dry_run: bool,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ListQuery {
+    state: Option<String>,
+    page_size: Option<u32>,
+    page_token: Option<i64>,
+}
+
+impl ListQuery {
+    /// Where the page starts and how long it is.
+    pub(super) fn page(&self) -> Result<(i64, u32), Problem> {
+        let count = self.page_size.unwrap_or(MOST_LISTED);
+        if !(1..=MOST_LISTED).contains(&count) {
+            let fault = format!("a page has 1 to {MOST_LISTED} entries");
+            return Err(
+                Problem::field("page_size", fault).limit("page_size", u64::from(MOST_LISTED))
+            );
+        }
+        Ok((self.page_token.unwrap_or(i64::MAX), count))
+    }
+}
+
+pub(super) async fn submit(
+    State(service): State<Arc<Service>>,
+    Query(query): Query<SubmitQuery>,
+    Extension(client): Extension<Client>,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    let body = bytes(&headers, body, service.settings.limits.body_bytes).await?;
+    let request = JobRequest::read(&body)?;
+    let key = key(&headers, client.name, &body)?.filter(|_| !query.dry_run);
+    let _held = key.as_ref().map(|key| hold(&service, key)).transpose()?;
+    if let Some(key) = key.clone() {
+        let worker = Arc::clone(&service);
+        let seen = blocking(move || Ok(worker.store.by_key(&key)?)).await?;
+        if let Some(seen) = seen {
+            return accepted(seen);
+        }
+    }
+    let permit = service.imports.acquire().await.map_err(|error| Problem::internal(&error))?;
+    let worker = Arc::clone(&service);
+    let answer = match query.dry_run {
+        true => blocking(move || dry_run(&worker, &request)).await,
+        false => blocking(move || accepted(prepare(&worker, &request, key.as_ref())?)).await,
+    };
+    drop(permit);
+    service.runner.wake();
+    answer
+}
+
+/// The client's key, if it has one.
+fn key(headers: &HeaderMap, owner: String, body: &[u8]) -> Result<Option<Key>, Problem> {
+    let Some(key) = headers.get("idempotency-key") else { return Ok(None) };
+    let sound = key.to_str().ok().filter(|key| !key.is_empty() && key.len() <= MOST_KEY_BYTES);
+    let Some(key) = sound else {
+        let fault = format!("a key is 1 to {MOST_KEY_BYTES} printable ASCII characters");
+        return Err(Problem::field("Idempotency-Key", fault));
+    };
+    let body_sha256 = hexadecimal(&Sha256::digest(body));
+    Ok(Some(Key { owner, key: key.to_owned(), body_sha256 }))
+}
+
+/// A key whose request is being handled; free again when dropped.
+struct Held {
+    service: Arc<Service>,
+    key: (String, String),
+}
+
+fn hold(service: &Arc<Service>, key: &Key) -> Result<Held, Problem> {
+    let key = (key.owner.clone(), key.key.clone());
+    let mut keys = service.keys.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    if !keys.insert(key.clone()) {
+        let detail = "another request with this key is being handled";
+        return Err(Problem::new(StatusCode::CONFLICT, "key-in-use", detail).retry_after(1));
+    }
+    Ok(Held { service: Arc::clone(service), key })
+}
+
+impl Drop for Held {
+    fn drop(&mut self) {
+        let mut keys = self.service.keys.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        keys.remove(&self.key);
+    }
+}
+
+/// What a job would cost.
+fn dry_run(service: &Service, request: &JobRequest) -> Result<Response, Problem> {
+    let incoming = service.store.folder().incoming()?;
+    request.lay_out(service, incoming.path())?;
+    let job = request.open(incoming.path()).map_err(|error| of_pipeline(&error))?;
+    let plan = pipeline::plan(&job).map_err(|error| of_pipeline(&error))?;
+    let plan = json!({
+        "poses": plan.poses,
+        "points": plan.points,
+        "rays": plan.rays,
+        "disk_bytes": plan.disk_bytes,
+        "memory_bytes": plan.memory_bytes,
+        "rays_per_s": plan.rays_per_s,
+        "bake_s": plan.bake_s,
+        "notices": job.scene.notices,
+        "hashes": { "scene": job.hashes.scene, "bake": job.hashes.bake, "fit": job.hashes.fit },
+    });
+    Ok(answer::json(StatusCode::OK, &plan))
+}
+
+/// Imports the scene, so that what stops the job from starting is told now, and writes the job
+/// down.
+fn prepare(
+    service: &Service,
+    request: &JobRequest,
+    key: Option<&Key>,
+) -> Result<Submitted, Problem> {
+    let incoming = service.store.folder().incoming()?;
+    request.lay_out(service, incoming.path())?;
+    let hashes = request.open(incoming.path()).map_err(|error| of_pipeline(&error))?.hashes;
+    let id = store::random_id()?;
+    let known = service.store.model(&hashes.fit)?.is_some();
+    let result = known.then(|| result(&hashes.fit, None).to_string());
+    let sources = service.store.folder().sources(&id);
+    store::settle(incoming.path(), &sources)?;
+    let text = serde_json::to_string(request).map_err(|error| Problem::internal(&error))?;
+    let new = NewJob {
+        id: &id,
+        priority: i64::from(request.priority),
+        request: &text,
+        bake: &hashes.bake,
+        fit: &hashes.fit,
+        result: result.as_deref(),
+        most_queued: service.settings.limits.queued_jobs,
+    };
+    let submitted = service.store.submit(&new, key);
+    if !matches!(submitted, Ok(Submitted::New(_))) {
+        store::remove(&sources)?;
+    }
+    Ok(submitted?)
+}
+
+/// A finished job's result.
+pub(super) fn result(fit: &str, target_met: Option<bool>) -> Value {
+    json!({ "model": fit, "href": format!("/v1/models/{fit}"), "target_met": target_met })
+}
+
+fn accepted(submitted: Submitted) -> Result<Response, Problem> {
+    let job = match submitted {
+        Submitted::New(job) => {
+            tracing::info!(job = job.id, cached = job.cached, "accepted");
+            job
+        }
+        Submitted::Same(job) => job,
+        Submitted::OtherBody => {
+            let detail = "this Idempotency-Key was sent before with another body";
+            return Err(Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "key-reused", detail));
+        }
+        Submitted::Full(waiting) => {
+            let detail = format!("{waiting} jobs are waiting");
+            return Err(Problem::new(StatusCode::TOO_MANY_REQUESTS, "queue-full", detail)
+                .limit("queued_jobs", u64::from(waiting))
+                .retry_after(30));
+        }
+    };
+    let mut response = answer::json(StatusCode::ACCEPTED, &show(&job));
+    if let Ok(location) = HeaderValue::from_str(&format!("/v1/jobs/{}", job.id)) {
+        response.headers_mut().insert(header::LOCATION, location);
+    }
+    Ok(response)
+}
+
+/// A job as clients see it.
+pub(super) fn show(job: &Job) -> Value {
+    let parse = |text: &Option<String>| -> Value {
+        text.as_deref().and_then(|text| serde_json::from_str(text).ok()).unwrap_or(Value::Null)
+    };
+    let mut progress = parse(&job.progress);
+    if let (JobState::Running, Some(at)) = (job.state, progress["at_ms"].as_i64()) {
+        progress["stalled"] = json!(now_ms() - at > STALLED_MS);
+    }
+    let mut value = json!({
+        "id": job.id,
+        "state": job.state.name(),
+        "priority": job.priority,
+        "cached": job.cached,
+        "attempts": job.attempts,
+        "created_ms": job.created_ms,
+        "started_ms": job.started_ms,
+        "finished_ms": job.finished_ms,
+        "hashes": { "bake": job.bake, "fit": job.fit },
+        "progress": progress,
+        "request": serde_json::from_str::<Value>(&job.request).unwrap_or(Value::Null),
+    });
+    match job.state {
+        JobState::Succeeded => value["result"] = parse(&job.result),
+        JobState::Failed => value["error"] = parse(&job.error),
+        _ => {}
+    }
+    value
+}
+
+pub(super) async fn list(
+    State(service): State<Arc<Service>>,
+    Query(query): Query<ListQuery>,
+) -> Result<Response, Problem> {
+    let (before, count) = query.page()?;
+    let state = match query.state.as_deref() {
+        None => None,
+        Some(name) => Some(JobState::from_name(name).ok_or_else(|| {
+            let names = JobState::ALL.map(JobState::name).join(", ");
+            Problem::field("state", format!("`{name}` is none of {names}"))
+        })?),
+    };
+    let jobs = blocking(move || Ok(service.store.jobs(before, state, count)?)).await?;
+    let next = (jobs.len() == count as usize).then(|| jobs.last().map(|job| job.seq)).flatten();
+    let jobs: Vec<Value> = jobs.iter().map(show).collect();
+    Ok(answer::json(StatusCode::OK, &json!({ "jobs": jobs, "next_page_token": next })))
+}
+
+/// A job by the id in a path.
+pub(super) async fn find(service: &Arc<Service>, id: String) -> Result<Job, Problem> {
+    let service = Arc::clone(service);
+    let job = blocking(move || Ok(service.store.job(&id)?)).await?;
+    job.ok_or_else(|| Problem::not_found("job"))
+}
+
+pub(super) async fn get(
+    State(service): State<Arc<Service>>,
+    Path(id): Path<String>,
+) -> Result<Response, Problem> {
+    Ok(answer::json(StatusCode::OK, &show(&find(&service, id).await?)))
+}
+
+pub(super) async fn cancel(
+    State(service): State<Arc<Service>>,
+    Path(id): Path<String>,
+) -> Result<Response, Problem> {
+    let worker = Arc::clone(&service);
+    match blocking(move || Ok(worker.store.cancel(&id)?)).await? {
+        Cancelled::Yes(job) => {
+            service.runner.cancel(&job.id);
+            tracing::info!(job = job.id, "to be cancelled");
+            Ok(answer::json(StatusCode::ACCEPTED, &show(&job)))
+        }
+        Cancelled::Ended(state) => {
+            let detail = format!("the job has {}; nothing is left to cancel", state.name());
+            Err(Problem::new(StatusCode::CONFLICT, "conflict", detail))
+        }
+        Cancelled::Unknown => Err(Problem::not_found("job")),
+    }
+}
+
+pub(super) async fn delete(
+    State(service): State<Arc<Service>>,
+    Path(id): Path<String>,
+) -> Result<Response, Problem> {
+    match blocking(move || Ok(service.store.delete_job(&id)?)).await? {
+        Deleted::Yes => Ok(StatusCode::NO_CONTENT.into_response()),
+        Deleted::Active(state) => {
+            let detail = format!("the job is {}; cancel it first", state.name());
+            Err(Problem::new(StatusCode::CONFLICT, "conflict", detail))
+        }
+        Deleted::Unknown => Err(Problem::not_found("job")),
+    }
+}
+
+/// Whether a client that accepts `kind` is asked for in so many words.
+pub(super) fn accepts(headers: &HeaderMap, kind: &str) -> bool {
+    text(headers, "accept").is_some_and(|accept| {
+        accept.split(',').any(|one| one.split(';').next().is_some_and(|one| one.trim() == kind))
+    })
+}

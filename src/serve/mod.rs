@@ -1,0 +1,219 @@
+//! Rank 15. The service: assets, jobs, models and evaluation over HTTP, in one process with an
+//! embedded store.
+//!
+//! The contract is `/openapi.json`. A request is checked whole before it is answered: what stops a
+//! job from starting is refused at once. What is answered with 202 is on disk, and survives the
+//! process. Jobs run on compute threads outside of tokio, and only by way of `pipeline/`.
+//!
+//! *Invariant:* a job accepted is known after any crash; its bake goes on from the last block that
+//! was committed, and nothing half written is ever served.
+//! *Invariant:* everything that comes from outside is bounded ([`Limits`]).
+
+mod answer;
+mod assets;
+mod connections;
+mod evaluate;
+mod events;
+mod files;
+mod guard;
+mod health;
+mod hot;
+mod jobs;
+mod metrics;
+mod models;
+mod poses;
+mod problem;
+mod request;
+mod router;
+mod runner;
+mod store;
+
+use std::collections::BTreeSet;
+use std::net::{SocketAddr, TcpListener};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use tokio::sync::{Semaphore, watch};
+
+pub use store::{Error as StoreError, NewToken, Store, Token};
+
+use hot::Hot;
+use metrics::Metrics;
+use runner::Runner;
+
+/// How the service runs.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Where everything is kept.
+    pub folder: PathBuf,
+    /// Where to listen. Default 127.0.0.1:7878.
+    pub address: SocketAddr,
+    /// What is bounded.
+    pub limits: Limits,
+}
+
+/// Upper bounds of what comes from outside. A request beyond one is refused with the limit's name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// Bytes of one asset. Default 512 MiB, which is what the importer reads.
+    pub asset_bytes: u64,
+    /// Bytes of all assets. Default 64 GiB.
+    pub assets_bytes: u64,
+    /// Bytes of a JSON body. Default 16 MiB.
+    pub body_bytes: u64,
+    /// Jobs that wait. Default 1000.
+    pub queued_jobs: u32,
+    /// Jobs that run at once; each uses all compute threads. Default 1.
+    pub running_jobs: u32,
+    /// Connections. Default 16384.
+    pub connections: u32,
+    /// Seconds for the head of a request. Default 10.
+    pub head_s: u32,
+    /// Seconds for a whole request; uploads, downloads and events have no such limit. Default 60.
+    pub request_s: u32,
+    /// Poses of one evaluation. Default 4096.
+    pub poses: u32,
+    /// Bytes of one evaluation's values. Default 256 MiB.
+    pub answer_bytes: u64,
+    /// Bytes of models that are kept ready to be evaluated. Default 1 GiB.
+    pub hot_bytes: u64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            asset_bytes: 512 << 20,
+            assets_bytes: 64 << 30,
+            body_bytes: 16 << 20,
+            queued_jobs: 1000,
+            running_jobs: 1,
+            connections: 16_384,
+            head_s: 10,
+            request_s: 60,
+            poses: 4096,
+            answer_bytes: 256 << 20,
+            hot_bytes: 1 << 30,
+        }
+    }
+}
+
+/// Why the service does not run.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// Its store.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The address.
+    #[error("cannot listen on {address}: {source}")]
+    Listen {
+        /// Which.
+        address: SocketAddr,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Open to the network without any token.
+    #[error(
+        "{0} can be reached from other machines, and there is no token yet: make one with \
+         `poselight token create`, or listen on 127.0.0.1"
+    )]
+    Open(SocketAddr),
+    /// The runtime.
+    #[error("could not start the service's threads: {0}")]
+    Threads(std::io::Error),
+}
+
+/// Everything that a request may need.
+#[derive(Debug)]
+struct Service {
+    settings: Settings,
+    store: Store,
+    runner: Runner,
+    hot: Hot,
+    metrics: Metrics,
+    /// Idempotency keys whose first request is being handled.
+    keys: Mutex<BTreeSet<(String, String)>>,
+    /// Scenes that are imported at once.
+    imports: Semaphore,
+    /// Turns true once, when the service is to end.
+    stopping: watch::Receiver<bool>,
+    /// Whether requests need a token.
+    guarded: bool,
+}
+
+/// How long connections and jobs may take to end.
+const FAREWELL: Duration = Duration::from_secs(10);
+
+/// How often the flag to stop is looked at.
+const GLANCE: Duration = Duration::from_millis(50);
+
+/// Scenes that are imported at once: an import may take gigabytes.
+const IMPORTS: usize = 2;
+
+/// Serves until `stop` is set. `ready` is told the address, which matters where port 0 was asked
+/// for.
+///
+/// Streams of events end when the service does; a running job stops at its next block of work and
+/// continues at the next start.
+///
+/// # Errors
+/// [`Error`]: a folder that is served already, an address that is taken, no token on an open one.
+pub fn serve(
+    settings: Settings,
+    stop: &'static AtomicBool,
+    ready: impl FnOnce(SocketAddr),
+) -> Result<(), Error> {
+    let address = settings.address;
+    let listen = |source| Error::Listen { address, source };
+    let store = Store::open(&settings.folder)?;
+    let guarded = store.has_tokens()?;
+    if !guarded && !address.ip().is_loopback() {
+        return Err(Error::Open(address));
+    }
+    let listener = TcpListener::bind(address).map_err(listen)?;
+    listener.set_nonblocking(true).map_err(listen)?;
+    let bound = listener.local_addr().map_err(listen)?;
+    let (stopper, stopping) = watch::channel(false);
+    let service = Arc::new(Service {
+        hot: Hot::new(settings.limits.hot_bytes),
+        settings,
+        store,
+        runner: Runner::default(),
+        metrics: Metrics::default(),
+        keys: Mutex::default(),
+        imports: Semaphore::new(IMPORTS),
+        stopping,
+        guarded,
+    });
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .max_blocking_threads(64)
+        .enable_all()
+        .build()
+        .map_err(Error::Threads)?;
+    let running = Arc::clone(&service);
+    let worker = std::thread::Builder::new()
+        .name("jobs".into())
+        .spawn(move || runner::work(&running))
+        .map_err(Error::Threads)?;
+    ready(bound);
+    runtime.block_on(async {
+        let waiting = async {
+            while !stop.load(Ordering::Relaxed) {
+                tokio::time::sleep(GLANCE).await;
+            }
+            tracing::info!("stopping");
+            stopper.send_replace(true);
+            service.runner.stop();
+        };
+        tokio::join!(connections::accept(listener, &service), waiting);
+    });
+    runtime.shutdown_timeout(Duration::from_secs(1));
+    if worker.join().is_err() {
+        tracing::error!("the thread that runs jobs had panicked");
+    }
+    tracing::info!("stopped");
+    Ok(())
+}

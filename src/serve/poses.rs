@@ -1,0 +1,184 @@
+//! What an evaluation is asked for: poses as a tool has them.
+
+use std::collections::BTreeMap;
+
+use glam::{Quat, Vec3};
+use serde::Deserialize;
+
+use super::Service;
+use super::answer::is_sha256;
+use super::assets::bad_asset;
+use super::problem::Problem;
+use super::request::is_safe;
+use crate::model::{self, JointPose, JointTransform, Model};
+use crate::pipeline::{self, EvaluateError, Light, Query};
+
+/// A request for values at poses: exactly one of `poses`, `parameters` and `clip`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct EvaluateRequest {
+    /// Poses by joints and morph weights; what is not named is at rest.
+    poses: Option<Vec<PoseRequest>>,
+    /// Poses by the model's own parameters.
+    parameters: Option<Vec<Vec<f32>>>,
+    /// Poses of a clip of an uploaded scene.
+    clip: Option<ClipRequest>,
+    /// Only these vertices, in this order; all when absent.
+    pub(super) vertices: Option<Vec<u32>>,
+    /// Shading under this light in place of coefficients.
+    light: Option<LightRequest>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[derive(Default)]
+struct PoseRequest {
+    joints: BTreeMap<String, JointRequest>,
+    weights: BTreeMap<String, f32>,
+}
+
+/// A joint's local transform, as far as it is not at rest.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct JointRequest {
+    /// Quaternion x, y, z, w; normalised.
+    rotation: Option<[f32; 4]>,
+    /// Metres.
+    translation: Option<[f32; 3]>,
+    scale: Option<[f32; 3]>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ClipRequest {
+    /// The files of the scene: name → SHA-256 of an uploaded asset.
+    assets: BTreeMap<String, String>,
+    /// The main one; may be left out where there is only one.
+    file: Option<String>,
+    name: String,
+    /// Seconds on the clip's own clock.
+    times_s: Vec<f32>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LightRequest {
+    /// n² coefficients of incoming radiance in the root frame, for 1 or 3 colours.
+    coefficients: Vec<Vec<f32>>,
+}
+
+impl EvaluateRequest {
+    /// The poses as the model takes them.
+    ///
+    /// # Errors
+    /// What is wrong with them, with its field.
+    pub(super) fn queries(&self, service: &Service, model: &Model) -> Result<Vec<Query>, Problem> {
+        let most = service.settings.limits.poses;
+        let many = |pointer: &str, found: usize| match found {
+            0 => Err(Problem::field(pointer, "at least one pose is needed")),
+            found if found > most as usize => Err(Problem::field(
+                pointer,
+                format!("{found} poses; at most {most} are evaluated at once"),
+            )
+            .limit("poses", u64::from(most))),
+            _ => Ok(()),
+        };
+        match (&self.poses, &self.parameters, &self.clip) {
+            (Some(poses), None, None) => {
+                many("#/poses", poses.len())?;
+                let query = |(index, pose): (usize, &PoseRequest)| {
+                    let query = Query::from_joints(model, &pose.pose());
+                    query.map_err(|error| refused(format!("#/poses/{index}"), &error))
+                };
+                poses.iter().enumerate().map(query).collect()
+            }
+            (None, Some(rows), None) => {
+                many("#/parameters", rows.len())?;
+                let query = |(index, row): (usize, &Vec<f32>)| {
+                    let query = Query::from_parameters(model, row);
+                    query.map_err(|error| refused(format!("#/parameters/{index}"), &error))
+                };
+                rows.iter().enumerate().map(query).collect()
+            }
+            (None, None, Some(clip)) => {
+                many("#/clip/times_s", clip.times_s.len())?;
+                clip.queries(service, model)
+            }
+            _ => Err(Problem::field("#", "give one of `poses`, `parameters` and `clip`")),
+        }
+    }
+
+    /// The light as the model takes it.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub(super) fn light(&self, model: &Model) -> Result<Option<Light>, Problem> {
+        let light = |request: &LightRequest| {
+            Light::new(model, request.coefficients.clone())
+                .map_err(|error| refused("#/light/coefficients".to_owned(), &error))
+        };
+        self.light.as_ref().map(light).transpose()
+    }
+}
+
+impl PoseRequest {
+    fn pose(&self) -> JointPose {
+        let transform = |joint: &JointRequest| JointTransform {
+            rotation: joint.rotation.map(Quat::from_array),
+            translation: joint.translation.map(Vec3::from_array),
+            scale: joint.scale.map(Vec3::from_array),
+        };
+        let joints = self.joints.iter().map(|(name, joint)| (name.clone(), transform(joint)));
+        JointPose { joints: joints.collect(), weights: self.weights.clone() }
+    }
+}
+
+impl ClipRequest {
+    fn queries(&self, service: &Service, model: &Model) -> Result<Vec<Query>, Problem> {
+        if let Some(at) = self.times_s.iter().position(|time| !(time.is_finite() && *time >= 0.0)) {
+            let fault = "a time is zero or a positive number of seconds";
+            return Err(Problem::field(format!("#/clip/times_s/{at}"), fault));
+        }
+        let only = self.assets.keys().next().filter(|_| self.assets.len() == 1);
+        let Some(file) = self.file.as_ref().or(only) else {
+            return Err(Problem::field("#/clip/file", "say which of the assets is the scene"));
+        };
+        let incoming = service.store.folder().incoming()?;
+        for (name, sha256) in &self.assets {
+            let known =
+                is_safe(name) && is_sha256(sha256) && service.store.asset(sha256)?.is_some();
+            if !known {
+                let fault = format!("`{name}` does not name an uploaded asset");
+                return Err(Problem::field("#/clip/assets", fault));
+            }
+            let path = incoming.path().join(name);
+            super::store::create(path.parent().unwrap_or(incoming.path()))?;
+            super::files::link(&service.store.folder().asset(sha256), &path)?;
+        }
+        if !self.assets.contains_key(file) {
+            return Err(Problem::field("#/clip/file", "it is none of the assets"));
+        }
+        let scene = pipeline::import(&incoming.path().join(file));
+        let scene = scene.map_err(|error| bad_asset(&error))?;
+        Query::from_clip(model, &scene, &self.name, self.times_s.iter().copied())
+            .map_err(|error| refused("#/clip".to_owned(), &error))
+    }
+}
+
+/// The model's objection, at the field that it is about.
+pub(super) fn refused(pointer: String, error: &EvaluateError) -> Problem {
+    let pointer = match error {
+        EvaluateError::Model(model::Error::UnknownNames { what, .. }) => {
+            let list = if what.contains("joint") { "joints" } else { "weights" };
+            format!("{pointer}/{list}")
+        }
+        EvaluateError::Model(model::Error::NoRotation { joint }) => {
+            format!("{pointer}/joints/{}/rotation", joint.replace('~', "~0").replace('/', "~1"))
+        }
+        EvaluateError::Clip { .. } => format!("{pointer}/name"),
+        EvaluateError::Vertex { .. } => "#/vertices".to_owned(),
+        _ => pointer,
+    };
+    Problem::new(axum::http::StatusCode::UNPROCESSABLE_ENTITY, "invalid-pose", error.to_string())
+        .at(pointer, error.to_string())
+}

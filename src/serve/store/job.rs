@@ -1,0 +1,136 @@
+//! A job and its states: queued → running → succeeded or failed, and by way of cancelling or at
+//! once → cancelled. A job that was running when the process ended is queued again.
+
+/// Where a job is in its life.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::serve) enum State {
+    Queued,
+    Running,
+    Cancelling,
+    Cancelled,
+    Succeeded,
+    Failed,
+}
+
+impl State {
+    pub(in crate::serve) const ALL: [Self; 6] = [
+        Self::Queued,
+        Self::Running,
+        Self::Cancelling,
+        Self::Cancelled,
+        Self::Succeeded,
+        Self::Failed,
+    ];
+
+    /// As clients read it.
+    pub(in crate::serve) fn name(self) -> &'static str {
+        match self {
+            Self::Queued => "queued",
+            Self::Running => "running",
+            Self::Cancelling => "cancelling",
+            Self::Cancelled => "cancelled",
+            Self::Succeeded => "succeeded",
+            Self::Failed => "failed",
+        }
+    }
+
+    /// The state of this name.
+    pub(in crate::serve) fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|state| state.name() == name)
+    }
+
+    /// Whether nothing more happens to it.
+    pub(in crate::serve) fn is_final(self) -> bool {
+        matches!(self, Self::Cancelled | Self::Succeeded | Self::Failed)
+    }
+}
+
+/// A job as it is kept.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(in crate::serve) struct Job {
+    /// Grows with every job; what pages are cut by.
+    pub(in crate::serve) seq: i64,
+    pub(in crate::serve) id: String,
+    pub(in crate::serve) state: State,
+    pub(in crate::serve) priority: i64,
+    /// The request's JSON.
+    pub(in crate::serve) request: String,
+    pub(in crate::serve) bake: String,
+    pub(in crate::serve) fit: String,
+    /// Whether the result was there already.
+    pub(in crate::serve) cached: bool,
+    /// How often it was started.
+    pub(in crate::serve) attempts: i64,
+    pub(in crate::serve) created_ms: i64,
+    pub(in crate::serve) started_ms: Option<i64>,
+    pub(in crate::serve) finished_ms: Option<i64>,
+    /// JSON, as are the next two.
+    pub(in crate::serve) progress: Option<String>,
+    pub(in crate::serve) result: Option<String>,
+    pub(in crate::serve) error: Option<String>,
+}
+
+/// A job to be accepted.
+#[derive(Debug)]
+pub(in crate::serve) struct NewJob<'a> {
+    pub(in crate::serve) id: &'a str,
+    pub(in crate::serve) priority: i64,
+    pub(in crate::serve) request: &'a str,
+    pub(in crate::serve) bake: &'a str,
+    pub(in crate::serve) fit: &'a str,
+    /// The result's JSON, where it is there already.
+    pub(in crate::serve) result: Option<&'a str>,
+    /// Jobs that may wait.
+    pub(in crate::serve) most_queued: u32,
+}
+
+/// A client's `Idempotency-Key`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(in crate::serve) struct Key {
+    /// Whose key: keys of two clients are two keys.
+    pub(in crate::serve) owner: String,
+    pub(in crate::serve) key: String,
+    pub(in crate::serve) body_sha256: String,
+}
+
+/// What became of a submission.
+#[derive(Debug)]
+pub(in crate::serve) enum Submitted {
+    New(Box<Job>),
+    /// The key and the body were seen before.
+    Same(Box<Job>),
+    /// The key was seen before with another body.
+    OtherBody,
+    /// So many wait already.
+    Full(u32),
+}
+
+/// What became of a request to cancel.
+#[derive(Debug)]
+pub(in crate::serve) enum Cancelled {
+    Yes(Box<Job>),
+    /// It had ended before.
+    Ended(State),
+    Unknown,
+}
+
+/// What became of a request to delete.
+#[derive(Debug)]
+pub(in crate::serve) enum Deleted {
+    Yes,
+    /// It has not ended.
+    Active(State),
+    Unknown,
+}
+
+/// How a job ended.
+#[derive(Debug)]
+pub(in crate::serve) struct Done<'a> {
+    pub(in crate::serve) state: State,
+    /// JSON.
+    pub(in crate::serve) result: Option<&'a str>,
+    /// JSON.
+    pub(in crate::serve) error: Option<&'a str>,
+    /// SHA-256 and bytes of the blob that it made.
+    pub(in crate::serve) model: Option<(&'a str, u64)>,
+}

@@ -1,0 +1,222 @@
+//! What the service knows, on disk: one SQLite database, and files named by hashes beside it.
+//!
+//! *Invariant:* nothing is promised to a client before its transaction is synchronously on disk.
+//! *Invariant:* one process at a time writes as the service; a fence in every transaction stops
+//! one that has lost the folder.
+
+mod assets;
+mod events;
+mod folder;
+mod job;
+mod jobs;
+mod models;
+mod tokens;
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use rusqlite::{Connection, OptionalExtension, Transaction, TransactionBehavior};
+
+pub(super) use assets::Asset;
+pub(super) use events::{Bells, Event};
+pub(super) use folder::{Folder, create, remove, settle};
+pub(super) use job::{Cancelled, Deleted, Done, Job, Key, NewJob, State, Submitted};
+pub(super) use models::StoredModel;
+pub(super) use tokens::hash_of;
+pub use tokens::{NewToken, Token};
+
+/// The version of the tables.
+const SCHEMA: i64 = 1;
+
+/// Every table. Times are milliseconds since 1970 and only shown; order is by `seq`.
+const TABLES: &str = "
+CREATE TABLE IF NOT EXISTS meta (key TEXT PRIMARY KEY, value INTEGER NOT NULL) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS assets (
+    sha256 TEXT PRIMARY KEY, bytes INTEGER NOT NULL, kind TEXT NOT NULL, created_ms INTEGER NOT NULL
+) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS jobs (
+    seq INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, state TEXT NOT NULL,
+    priority INTEGER NOT NULL, request TEXT NOT NULL, bake TEXT NOT NULL, fit TEXT NOT NULL,
+    cached INTEGER NOT NULL, attempts INTEGER NOT NULL DEFAULT 0, created_ms INTEGER NOT NULL,
+    started_ms INTEGER, finished_ms INTEGER, progress TEXT, result TEXT, error TEXT
+);
+CREATE INDEX IF NOT EXISTS jobs_by_state ON jobs (state, priority DESC, seq);
+CREATE INDEX IF NOT EXISTS jobs_by_bake ON jobs (bake);
+CREATE TABLE IF NOT EXISTS events (
+    job INTEGER NOT NULL, id INTEGER NOT NULL, at_ms INTEGER NOT NULL, kind TEXT NOT NULL,
+    data TEXT NOT NULL, PRIMARY KEY (job, id)
+) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS keys (
+    owner TEXT NOT NULL, key TEXT NOT NULL, body_sha256 TEXT NOT NULL, job TEXT NOT NULL,
+    created_ms INTEGER NOT NULL, PRIMARY KEY (owner, key)
+) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS models (
+    seq INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, sha256 TEXT NOT NULL,
+    bytes INTEGER NOT NULL, job TEXT NOT NULL, created_ms INTEGER NOT NULL
+);
+CREATE TABLE IF NOT EXISTS tokens (
+    hash TEXT PRIMARY KEY, name TEXT NOT NULL UNIQUE, scopes TEXT NOT NULL,
+    created_ms INTEGER NOT NULL, expires_ms INTEGER NOT NULL
+) WITHOUT ROWID;
+";
+
+/// Why the store cannot do what was asked.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The database.
+    #[error("the service's database: {0}")]
+    Sql(#[from] rusqlite::Error),
+    /// A file or folder.
+    #[error("could not {action} {path}: {source}", path = path.display())]
+    Io {
+        /// Such as `create`.
+        action: &'static str,
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Another process serves this folder.
+    #[error("{folder} is served by another process; stop it, or name another folder", folder = .0.display())]
+    Taken(PathBuf),
+    /// Another process has taken the folder over.
+    #[error("another process has taken over this folder; this one stops writing to it")]
+    Fenced,
+    /// Written by a later version.
+    #[error("the database has version {found}, this build reads {SCHEMA}; use a later build")]
+    Newer {
+        /// Its version.
+        found: i64,
+    },
+}
+
+/// Database and files of one service.
+#[derive(Debug)]
+pub struct Store {
+    connection: Mutex<Connection>,
+    /// Which of the folder's owners this is; `None` for a visitor that only manages tokens.
+    epoch: Option<i64>,
+    folder: Folder,
+    bells: Bells,
+    /// Locked as long as the service lives; the system lets go of it however the process ends.
+    _lease: Option<File>,
+}
+
+impl Store {
+    /// Takes a folder into service, making it where there is none.
+    ///
+    /// # Errors
+    /// [`Error::Taken`] where another process serves it; what disk and database object to.
+    pub fn open(path: &Path) -> Result<Self, Error> {
+        let folder = Folder::create(path)?;
+        let lease = folder.lease()?;
+        let mut store = Self::connect(folder)?;
+        let sql = "INSERT INTO meta VALUES ('epoch', 1)
+            ON CONFLICT (key) DO UPDATE SET value = value + 1 RETURNING value";
+        let epoch = store.lock().query_row(sql, [], |row| row.get(0))?;
+        store.epoch = Some(epoch);
+        store._lease = Some(lease);
+        store.folder.sweep(&store.job_ids()?)?;
+        store.recover()?;
+        Ok(store)
+    }
+
+    /// Looks into a folder beside the process that serves it, to manage tokens.
+    ///
+    /// # Errors
+    /// What disk and database object to.
+    pub fn visit(path: &Path) -> Result<Self, Error> {
+        Self::connect(Folder::create(path)?)
+    }
+
+    fn connect(folder: Folder) -> Result<Self, Error> {
+        let connection = Connection::open(folder.database())?;
+        connection.busy_timeout(Duration::from_secs(10))?;
+        connection.pragma_update(None, "journal_mode", "WAL")?;
+        connection.pragma_update(None, "synchronous", "FULL")?;
+        connection.pragma_update(None, "foreign_keys", "ON")?;
+        let found: i64 = connection.pragma_query_value(None, "user_version", |row| row.get(0))?;
+        if found > SCHEMA {
+            return Err(Error::Newer { found });
+        }
+        connection.execute_batch(TABLES)?;
+        connection.pragma_update(None, "user_version", SCHEMA)?;
+        let connection = Mutex::new(connection);
+        Ok(Self { connection, epoch: None, folder, bells: Bells::default(), _lease: None })
+    }
+
+    /// Where the files are.
+    pub(super) fn folder(&self) -> &Folder {
+        &self.folder
+    }
+
+    /// Who listens to which job.
+    pub(super) fn bells(&self) -> &Bells {
+        &self.bells
+    }
+
+    /// Whether the database takes a write: what `/ready` asks.
+    ///
+    /// # Errors
+    /// What the database objects to.
+    pub(super) fn touch(&self) -> Result<(), Error> {
+        let sql = "INSERT INTO meta VALUES ('touched', 1)
+            ON CONFLICT (key) DO UPDATE SET value = value + 1";
+        self.write(|tx| Ok(tx.execute(sql, []).map(drop)?))
+    }
+
+    /// A panic elsewhere leaves the connection as sound as its last transaction.
+    fn lock(&self) -> MutexGuard<'_, Connection> {
+        self.connection.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    }
+
+    /// One transaction of the folder's owner, on disk when this returns.
+    fn write<T>(
+        &self,
+        work: impl FnOnce(&Transaction<'_>) -> Result<T, Error>,
+    ) -> Result<T, Error> {
+        let mut connection = self.lock();
+        let tx = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        if let Some(own) = self.epoch {
+            let sql = "SELECT value FROM meta WHERE key = 'epoch'";
+            let owner: Option<i64> = tx.query_row(sql, [], |row| row.get(0)).optional()?;
+            if owner != Some(own) {
+                return Err(Error::Fenced);
+            }
+        }
+        let value = work(&tx)?;
+        tx.commit()?;
+        Ok(value)
+    }
+}
+
+/// Milliseconds since 1970, for people to read.
+pub(super) fn now_ms() -> i64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
+}
+
+/// 32 hexadecimal digits that nobody can guess.
+///
+/// # Errors
+/// Where the system has no random numbers.
+pub(super) fn random_id() -> Result<String, Error> {
+    use std::io::Read;
+    let path = PathBuf::from("/dev/urandom");
+    let mut bytes = [0_u8; 16];
+    File::open(&path)
+        .and_then(|mut file| file.read_exact(&mut bytes))
+        .map_err(|source| Error::Io { action: "read", path, source })?;
+    Ok(hexadecimal(&bytes))
+}
+
+/// Lower-case hexadecimal.
+pub(super) fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests;

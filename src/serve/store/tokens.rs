@@ -1,0 +1,93 @@
+//! Access tokens. Only their hashes are kept.
+
+use rusqlite::{OptionalExtension, Row, params};
+use sha2::{Digest, Sha256};
+
+use super::{Error, Store, hexadecimal, now_ms, random_id};
+
+/// A token as it is kept.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Token {
+    /// Who it is for.
+    pub name: String,
+    /// Separated by spaces: `read`, `write`.
+    pub scopes: String,
+    /// Milliseconds since 1970.
+    pub expires_ms: i64,
+}
+
+/// A token that was just made.
+#[derive(Debug)]
+pub struct NewToken {
+    /// What the client sends; shown once.
+    pub secret: String,
+    /// Milliseconds since 1970.
+    pub expires_ms: i64,
+}
+
+/// The SHA-256 of what a client sends. A token has 256 random bits, so neither salt nor stretching
+/// would add anything, and finding it by its hash tells a listener nothing of the token.
+#[must_use]
+pub(in crate::serve) fn hash_of(secret: &str) -> String {
+    hexadecimal(&Sha256::digest(secret.as_bytes()))
+}
+
+fn token(row: &Row<'_>) -> rusqlite::Result<Token> {
+    Ok(Token { name: row.get(0)?, scopes: row.get(1)?, expires_ms: row.get(2)? })
+}
+
+impl Store {
+    /// Makes a token for `name`, in place of an earlier one of that name.
+    ///
+    /// # Errors
+    /// What the database objects to.
+    pub fn create_token(&self, name: &str, scopes: &str, days: u32) -> Result<NewToken, Error> {
+        let secret = format!("psl_{}{}", random_id()?, random_id()?);
+        let expires_ms = now_ms().saturating_add(i64::from(days) * 86_400_000);
+        self.write(|tx| {
+            tx.execute("DELETE FROM tokens WHERE name = ?1", [name])?;
+            let sql = "INSERT INTO tokens VALUES (?1, ?2, ?3, ?4, ?5)";
+            tx.execute(sql, params![hash_of(&secret), name, scopes, now_ms(), expires_ms])?;
+            Ok(())
+        })?;
+        Ok(NewToken { secret, expires_ms })
+    }
+
+    /// Removes a token; whether there was one.
+    ///
+    /// # Errors
+    /// What the database objects to.
+    pub fn revoke_token(&self, name: &str) -> Result<bool, Error> {
+        self.write(|tx| Ok(tx.execute("DELETE FROM tokens WHERE name = ?1", [name])? > 0))
+    }
+
+    /// Every token, by name.
+    ///
+    /// # Errors
+    /// What the database objects to.
+    pub fn tokens(&self) -> Result<Vec<Token>, Error> {
+        let connection = self.lock();
+        let mut statement =
+            connection.prepare("SELECT name, scopes, expires_ms FROM tokens ORDER BY name")?;
+        let rows = statement.query_map([], token)?;
+        Ok(rows.collect::<Result<_, _>>()?)
+    }
+
+    /// The token of this hash, where it has not expired.
+    ///
+    /// # Errors
+    /// What the database objects to.
+    pub(in crate::serve) fn token(&self, hash: &str) -> Result<Option<Token>, Error> {
+        let sql = "SELECT name, scopes, expires_ms FROM tokens WHERE hash = ?1 AND expires_ms > ?2";
+        Ok(self.lock().query_row(sql, params![hash, now_ms()], token).optional()?)
+    }
+
+    /// Whether any token was ever made and not revoked.
+    ///
+    /// # Errors
+    /// What the database objects to.
+    pub(in crate::serve) fn has_tokens(&self) -> Result<bool, Error> {
+        let sql = "SELECT EXISTS (SELECT 1 FROM tokens)";
+        Ok(self.lock().query_row(sql, [], |row| row.get(0))?)
+    }
+}

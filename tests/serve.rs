@@ -1,0 +1,354 @@
+//! Proves the service's promises against the real binary: what it makes is what the command line
+//! makes, a killed one goes on, and what is wrong is refused with its place.
+
+#![cfg(feature = "serve")]
+
+#[path = "serve/client.rs"]
+mod client;
+
+use std::fs;
+use std::io::{Read, Write};
+use std::time::Duration;
+
+use client::{Server, sha256};
+use serde_json::{Value, json};
+
+/// A recipe that is quick but has several blocks.
+fn small() -> Value {
+    json!({
+        "version": 1,
+        "poses": { "rate_hz": 8, "near_repeat": 0, "hold_out": ["jump"] },
+        "bake": { "signal": "ao", "rays": 8 },
+        "target": { "reference_poses": 2 },
+    })
+}
+
+fn job(server: &Server, recipe: &Value) -> Value {
+    json!({ "kind": "run", "assets": { "figure.glb": server.figure() }, "recipe": recipe })
+}
+
+/// Upload, job, events and download give, byte for byte, what the command line makes; the same job
+/// again is done at once; the blob has a tag and ranges; the model evaluates by all three ways.
+#[test]
+fn a_job_makes_what_the_command_line_makes() {
+    let server = Server::start(&[]);
+    let recipe = small();
+    fs::write(server.path("recipe.json"), recipe.to_string()).expect("written");
+    server.command(&["run", "figure.glb", "-o", "out", "--recipe", "recipe.json"]);
+    let expected = fs::read(server.path("out/model.safetensors")).expect("made");
+
+    let again = server.put(&format!("/v1/assets/{}", server.figure()), b"", &[]);
+    assert_eq!(again.status, 200, "an asset that is there costs nothing");
+    let plan = server.post("/v1/jobs?dry_run=true", &job(&server, &recipe), &[]);
+    assert_eq!(plan.status, 200, "{}", plan.text());
+    assert!(plan.json()["rays"].as_u64().is_some_and(|rays| rays > 0), "{}", plan.text());
+
+    let key = [("Idempotency-Key", "once")];
+    let accepted = server.post("/v1/jobs", &job(&server, &recipe), &key);
+    assert_eq!(accepted.status, 202, "{}", accepted.text());
+    let location = accepted.header("location").expect("a place");
+    let same = server.post("/v1/jobs", &job(&server, &recipe), &key);
+    assert_eq!((same.status, same.json()["id"].clone()), (202, accepted.json()["id"].clone()));
+    let other = server.post("/v1/jobs", &job(&server, &json!({ "version": 1 })), &key);
+    assert_eq!(other.status, 422, "{}", other.text());
+
+    let events = server.get(&format!("{location}/events"), &[]).text();
+    assert!(
+        events.contains(r#"{"state":"running"}"#) && events.contains("event: progress"),
+        "{events}"
+    );
+    assert!(events.trim_end().ends_with(r#"{"state":"succeeded"}"#), "{events}");
+    let last =
+        events.lines().rfind(|line| line.starts_with("id: ")).expect("an id")[4..].to_owned();
+    let rest = server.get(&format!("{location}/events"), &[("Last-Event-ID", &last)]);
+    assert_eq!(rest.text().trim(), "", "nothing comes after the end");
+
+    let done = server.get(&location, &[]).json();
+    let model = done["result"]["href"].as_str().expect("a model").to_owned();
+    let blob = server.get(&format!("{model}/blob"), &[]);
+    assert!(blob.body == expected, "the service's model is not the command line's");
+    let tag = blob.header("etag").expect("a tag");
+    assert_eq!(tag, format!("\"{}\"", sha256(&expected)));
+    assert_eq!(server.get(&format!("{model}/blob"), &[("If-None-Match", &tag)]).status, 304);
+    let part = server.get(&format!("{model}/blob"), &[("Range", "bytes=8-15")]);
+    assert_eq!((part.status, part.body.as_slice()), (206, &expected[8..16]));
+    assert_eq!(server.get(&format!("{model}/figures"), &[]).status, 200);
+    assert!(server.get(&format!("{model}/report"), &[]).text().contains("<html"));
+
+    let again = server.post("/v1/jobs", &job(&server, &recipe), &[]).json();
+    assert_eq!((&again["state"], &again["cached"]), (&json!("succeeded"), &json!(true)));
+    evaluations(&server, &model);
+    let page = server.get("/v1/jobs?page_size=1", &[]).json();
+    let token = page["next_page_token"].as_i64().expect("more");
+    let next = server.get(&format!("/v1/jobs?page_size=5&page_token={token}"), &[]).json();
+    assert_eq!(next["jobs"].as_array().map(Vec::len), Some(1), "{next}");
+    assert!(server.get("/metrics", &[]).text().contains("poselight_jobs{state=\"succeeded\"} 2"));
+
+    assert_eq!(server.delete(&location).status, 204);
+    assert_eq!(server.get(&location, &[]).status, 404);
+    assert_eq!(server.delete(&model).status, 204);
+    assert_eq!(server.get(&format!("{model}/blob"), &[]).status, 404);
+}
+
+/// A clip's poses are what `poselight evaluate` gives; joints and parameters are taken; what is no
+/// pose is refused at its field.
+fn evaluations(server: &Server, model: &str) {
+    server.command(&[
+        "evaluate",
+        "out/model.safetensors",
+        "--scene",
+        "figure.glb",
+        "--clip",
+        "jump",
+        "--fps",
+        "4",
+        "-o",
+        "jump.npy",
+    ]);
+    let expected = fs::read(server.path("jump.npy")).expect("made");
+    let times: Vec<f32> = (0..2).map(|frame| frame as f32 / 4.0).collect();
+    let clip = json!({ "clip": { "assets": { "figure.glb": server.figure() }, "name": "jump", "times_s": times } });
+    let path = format!("{model}/evaluate");
+    let raw = server.post(&path, &clip, &[("Accept", "application/octet-stream")]);
+    assert_eq!(raw.status, 200, "{}", raw.text());
+    let header = 10 + usize::from(u16::from_le_bytes([expected[8], expected[9]]));
+    assert!(expected[header..].starts_with(&raw.body), "not what the command line gives");
+    assert!(raw.header("poselight-shape").is_some_and(|shape| shape.starts_with("2,")));
+
+    let about = server.get(model, &[]).json();
+    let joint = about["model"]["joints"][1].as_str().expect("a joint").to_owned();
+    let pose = |rotation: [f32; 4]| json!({ "poses": [{ "joints": { &joint: { "rotation": rotation } } }], "vertices": [0, 5] });
+    let unit = server.post(&path, &pose([0.0, 0.0, 0.0, 1.0]), &[]);
+    let long = server.post(&path, &pose([0.0, 0.0, 0.0, 3.0]), &[]);
+    assert_eq!(unit.json()["values"], long.json()["values"], "quaternions are normalised");
+    assert_eq!(unit.json()["shape"], json!([1, 2, 1, 1]));
+    assert!(unit.json()["distances"][0]["mahalanobis"].is_number());
+    let count = about["model"]["parameters"].as_array().map_or(0, Vec::len);
+    let zeros = json!({ "parameters": [vec![0.0; count]] });
+    assert_eq!(server.post(&path, &zeros, &[]).status, 200);
+
+    let refused = |body: &Value, pointer: &str| {
+        let answer = server.post(&path, body, &[]);
+        assert_eq!(answer.status, 422, "{}", answer.text());
+        assert_eq!(answer.json()["errors"][0]["pointer"], pointer, "{}", answer.text());
+    };
+    refused(&pose([0.0; 4]), &format!("#/poses/0/joints/{joint}/rotation"));
+    refused(&json!({ "poses": [{ "joints": { "tail": {} } }] }), "#/poses/0/joints");
+    refused(&json!({ "parameters": [[1.0]] }), "#/parameters/0");
+    refused(&json!({ "poses": [{}], "vertices": [99_999_999] }), "#/vertices");
+    refused(&json!({ "poses": [{}], "parameters": [] }), "#");
+}
+
+/// `kill -9` in the middle of a bake, then a restart: the job is known, goes on from the blocks
+/// that are there, and ends with the bytes of an undisturbed one.
+#[test]
+fn a_killed_service_goes_on() {
+    let mut server = Server::start(&[]);
+    let mut recipe = small();
+    recipe["poses"]["rate_hz"] = json!(20);
+    recipe["bake"]["rays"] = json!(48);
+    fs::write(server.path("recipe.json"), recipe.to_string()).expect("written");
+    server.command(&["run", "figure.glb", "-o", "out", "--recipe", "recipe.json"]);
+    let expected = fs::read(server.path("out/model.safetensors")).expect("made");
+
+    let accepted = server.post("/v1/jobs", &job(&server, &recipe), &[]).json();
+    let place = format!("/v1/jobs/{}", accepted["id"].as_str().expect("an id"));
+    server.wait(&place, |job| job["progress"]["done"].as_u64().is_some_and(|done| done > 0));
+    server.kill();
+    let blocks = |server: &Server| {
+        let bake = accepted["hashes"]["bake"].as_str().expect("a hash");
+        let folder = server.path(&format!("data/work/{bake}/dataset.zarr/coefficients"));
+        fs::read_dir(folder).map_or(0, |entries| {
+            entries
+                .filter(|e| {
+                    e.as_ref().is_ok_and(|e| e.file_name().to_string_lossy().starts_with("c."))
+                })
+                .count()
+        })
+    };
+    let before = blocks(&server);
+    assert!(before > 0, "killed before the first block");
+    server.restart();
+    let done = server.wait(&place, |job| job["state"] == "succeeded" || job["state"] == "failed");
+    assert_eq!(done["state"], "succeeded", "{done}");
+    assert_eq!(done["attempts"], 2, "{done}");
+    let model = done["result"]["href"].as_str().expect("a model");
+    assert!(
+        server.get(&format!("{model}/blob"), &[]).body == expected,
+        "other bytes after the kill"
+    );
+}
+
+/// A running job is cancelled, not deleted; a finished one is deleted, not cancelled; a stopped
+/// service puts its job back and ends by itself.
+#[test]
+fn cancel_delete_and_stop() {
+    let mut server = Server::start(&[]);
+    let mut recipe = small();
+    recipe["bake"]["rays"] = json!(20_000);
+    let accepted = server.post("/v1/jobs", &job(&server, &recipe), &[]).json();
+    let place = format!("/v1/jobs/{}", accepted["id"].as_str().expect("an id"));
+    server.wait(&place, |job| job["state"] == "running");
+    assert_eq!(server.delete(&place).status, 409);
+    assert_eq!(server.post(&format!("{place}/cancel"), &json!({}), &[]).status, 202);
+    server.wait(&place, |job| job["state"] == "cancelled");
+    assert_eq!(server.post(&format!("{place}/cancel"), &json!({}), &[]).status, 409);
+    assert_eq!(server.delete(&place).status, 204);
+
+    let accepted = server.post("/v1/jobs", &job(&server, &recipe), &[]).json();
+    let place = format!("/v1/jobs/{}", accepted["id"].as_str().expect("an id"));
+    server.wait(&place, |job| job["state"] == "running");
+    server.second_process_is_refused();
+    let status = server.terminate();
+    assert!(status.success(), "SIGTERM ended it with {status}");
+    server.restart();
+    let job = server.get(&place, &[]).json();
+    assert!(["queued", "running"].contains(&job["state"].as_str().unwrap_or_default()), "{job}");
+}
+
+/// Each bad request is refused with a status and, where there is a field, its pointer.
+#[test]
+fn bad_requests_are_refused() {
+    let server = Server::start(&["--max-asset-mib", "1", "--head-timeout", "1"]);
+    let name = |bytes: &[u8]| format!("/v1/assets/{}", sha256(bytes));
+    let status = |path: &str, bytes: &[u8]| server.put(path, bytes, &[]).status;
+    assert_eq!(status(&name(b"other"), b"bytes"), 422, "wrong hash");
+    assert_eq!(status("/v1/assets/..%2F..%2Fetc", b"bytes"), 422, "no hash at all");
+    assert_eq!(status(&name(b""), b""), 422, "no bytes");
+    let large = vec![7; (1 << 20) + 1];
+    assert_eq!(status(&name(&large), &large), 413, "over the limit");
+    let broken =
+        server.put(&format!("{}?name=a.glb", name(b"glTF nonsense")), b"glTF nonsense", &[]);
+    assert_eq!(broken.status, 422);
+    assert_eq!(broken.json()["type"], "/problems/bad-asset", "{}", broken.text());
+    assert_eq!(server.get(&name(b"glTF nonsense"), &[]).status, 404, "a broken file was kept");
+    assert_eq!(status(&name(b"buffer"), b"buffer"), 201, "any file without a name");
+
+    let pointer = |body: &Value| {
+        let answer = server.post("/v1/jobs", body, &[]);
+        assert!((400..500).contains(&answer.status), "{}: {}", answer.status, answer.text());
+        answer.json()["errors"][0]["pointer"].as_str().unwrap_or_default().to_owned()
+    };
+    let figure = server.figure();
+    let with = |recipe: Value| json!({ "kind": "run", "assets": { "figure.glb": figure }, "recipe": recipe });
+    assert_eq!(pointer(&with(json!({ "version": 2 }))), "#/recipe/version");
+    assert_eq!(
+        pointer(&with(json!({ "version": 1, "bake": { "rayz": 1 } }))),
+        "#/recipe/bake/rayz"
+    );
+    assert_eq!(
+        pointer(&with(json!({ "version": 1, "bake": { "rays": 0 } }))),
+        "#/recipe/bake/rays"
+    );
+    assert_eq!(
+        pointer(&with(json!({ "version": 1, "poses": { "clips": ["swim"] } }))),
+        "#/recipe/poses"
+    );
+    let missing =
+        json!({ "kind": "run", "assets": { "a.glb": "0".repeat(64) }, "recipe": { "version": 1 } });
+    assert_eq!(pointer(&missing), "#/assets/a.glb");
+    let wrong = json!({ "kind": "run", "assets": { "a.glb": sha256(b"buffer") }, "recipe": { "version": 1 } });
+    pointer(&wrong);
+    for body in [
+        "[".repeat(10_000),
+        r#"{"kind":"run","priority":1e999}"#.into(),
+        "nonsense".into(),
+        String::new(),
+    ] {
+        let answer = server.send("POST", "/v1/jobs", body.as_bytes(), &[]);
+        assert_eq!(answer.status, 400, "{}", answer.text());
+    }
+    for path in [
+        "/v1/models/../../etc/passwd",
+        "/v1/models/..",
+        "/v1/models/a.b/blob",
+        "/v1/jobs/%00",
+        "/nowhere",
+    ] {
+        assert_eq!(server.get(path, &[]).status, 404, "{path}");
+    }
+    assert_eq!(server.get("/health", &[("Host", "evil.example")]).status, 403);
+    assert_eq!(server.get("/ready", &[]).status, 200);
+    assert_eq!(server.get("/v1/jobs", &[]).json()["jobs"], json!([]), "a refused job was kept");
+    slow_and_truncated(&server);
+}
+
+/// A client that does not finish its head is let go; an upload that ends early leaves nothing.
+fn slow_and_truncated(server: &Server) {
+    let mut slow = server.connect();
+    slow.write_all(b"GET /health HTTP/1.1\r\nHost: loc").expect("sent");
+    slow.set_read_timeout(Some(Duration::from_secs(10))).expect("set");
+    let mut answer = Vec::new();
+    slow.read_to_end(&mut answer).expect("closed by the service");
+    let mut cut = server.connect();
+    let head = format!(
+        "PUT /v1/assets/{} HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n\r\nabc",
+        sha256(b"abc")
+    );
+    cut.write_all(head.as_bytes()).expect("sent");
+    drop(cut);
+    assert_eq!(server.get(&format!("/v1/assets/{}", sha256(b"abc")), &[]).status, 404);
+}
+
+/// With a token in its store the service asks for one, and for the right scope.
+#[test]
+fn tokens_are_asked_for() {
+    let mut server = Server::start(&[]);
+    let token = |name: &str, scope: &str| {
+        let words = ["token", "--data", "data", "create", name, "--scope", scope];
+        String::from_utf8(server.command(&words).stdout).expect("text").trim().to_owned()
+    };
+    let (reader, writer) = (token("viewer", "read"), token("maya", "write"));
+    server.terminate();
+    server.restart();
+    let bearer = |token: &str| format!("Bearer {token}");
+    assert_eq!(server.get("/v1/jobs", &[]).status, 401);
+    assert_eq!(server.get("/health", &[]).status, 200);
+    assert_eq!(server.get("/v1/jobs", &[("Authorization", "Bearer psl_0")]).status, 401);
+    assert_eq!(server.get("/v1/jobs", &[("Authorization", &bearer(&reader))]).status, 200);
+    assert_eq!(server.get("/v1/jobs", &[("Authorization", &bearer(&writer))]).status, 403);
+    let refused = server.put(
+        &format!("/v1/assets/{}", sha256(b"a")),
+        b"a",
+        &[("Authorization", &bearer(&reader))],
+    );
+    assert_eq!(refused.status, 403);
+    let log = fs::read_to_string(server.path("log")).expect("a log");
+    assert!(!log.contains(&reader) && !log.contains(&writer), "a token is in the log");
+    server.command(&["token", "--data", "data", "revoke", "viewer"]);
+    assert_eq!(server.get("/v1/jobs", &[("Authorization", &bearer(&reader))]).status, 401);
+}
+
+/// The Python client uploads, follows, downloads and evaluates; what it gets is what the command
+/// line makes, and a problem comes as an error that names the field.
+#[test]
+fn the_python_client_works() {
+    let python = std::env::var("POSELIGHT_PYTHON").unwrap_or_else(|_| "python3".into());
+    if !std::process::Command::new(&python).arg("-V").output().is_ok_and(|o| o.status.success()) {
+        println!("skipped: there is no {python}");
+        return;
+    }
+    let server = Server::start(&[]);
+    fs::write(server.path("recipe.json"), small().to_string()).expect("written");
+    server.command(&["run", "figure.glb", "-o", "out", "--recipe", "recipe.json"]);
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/clients/python/poselight_client.py");
+    let run = |words: &[&str]| {
+        std::process::Command::new(&python)
+            .arg(script)
+            .args(["--server", &server.url()])
+            .args(words)
+            .current_dir(server.path(""))
+            .output()
+            .expect("started")
+    };
+    let words = ["bake", "figure.glb", "-o", "made.safetensors", "--recipe", "recipe.json"];
+    let output = run(&[&words[..], &["--clip", "jump", "--values", "jump.f32"]].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let read = |name: &str| fs::read(server.path(name)).expect("read");
+    assert!(read("made.safetensors") == read("out/model.safetensors"), "another model");
+    assert!(read("jump.f32").len() > 4, "no values");
+    fs::write(server.path("bad.json"), r#"{"version":1,"bake":{"order":11}}"#).expect("written");
+    let output = run(&["bake", "figure.glb", "-o", "no", "--recipe", "bad.json"]);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success() && message.contains("#/recipe/bake/order"), "{message}");
+}
