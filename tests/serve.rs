@@ -8,7 +8,8 @@ mod client;
 
 use std::fs;
 use std::io::{Read, Write};
-use std::time::Duration;
+use std::path::Path;
+use std::time::{Duration, SystemTime};
 
 use client::{Server, sha256};
 use serde_json::{Value, json};
@@ -139,39 +140,40 @@ fn evaluations(server: &Server, model: &str) {
     refused(&json!({ "poses": [{}], "parameters": [] }), "#");
 }
 
+/// The committed blocks of a data set, each with the time of its making.
+fn blocks(folder: &Path) -> Vec<(String, SystemTime)> {
+    let Ok(entries) = fs::read_dir(folder) else { return Vec::new() };
+    let block = |entry: fs::DirEntry| {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let made = entry.metadata().and_then(|data| data.modified()).ok()?;
+        name.starts_with("c.").then_some((name, made))
+    };
+    entries.filter_map(Result::ok).filter_map(block).collect()
+}
+
 /// `kill -9` in the middle of a bake, then a restart: the job is known, goes on from the blocks
 /// that are there, and ends with the bytes of an undisturbed one.
 #[test]
 fn a_killed_service_goes_on() {
     let mut server = Server::start(&[]);
-    let mut recipe = small();
-    recipe["poses"]["rate_hz"] = json!(20);
-    recipe["bake"]["rays"] = json!(48);
+    let recipe = small();
     fs::write(server.path("recipe.json"), recipe.to_string()).expect("written");
     server.command(&["run", "figure.glb", "-o", "out", "--recipe", "recipe.json"]);
     let expected = fs::read(server.path("out/model.safetensors")).expect("made");
 
     let accepted = server.post("/v1/jobs", &job(&server, &recipe), &[]).json();
     let place = format!("/v1/jobs/{}", accepted["id"].as_str().expect("an id"));
-    server.wait(&place, |job| job["progress"]["done"].as_u64().is_some_and(|done| done > 0));
+    let bake = accepted["hashes"]["bake"].as_str().expect("a hash");
+    let folder = server.path(&format!("data/work/{bake}/dataset.zarr/coefficients"));
+    server.wait(&place, |_| !blocks(&folder).is_empty());
     server.kill();
-    let blocks = |server: &Server| {
-        let bake = accepted["hashes"]["bake"].as_str().expect("a hash");
-        let folder = server.path(&format!("data/work/{bake}/dataset.zarr/coefficients"));
-        fs::read_dir(folder).map_or(0, |entries| {
-            entries
-                .filter(|e| {
-                    e.as_ref().is_ok_and(|e| e.file_name().to_string_lossy().starts_with("c."))
-                })
-                .count()
-        })
-    };
-    let before = blocks(&server);
-    assert!(before > 0, "killed before the first block");
+    let before = blocks(&folder);
     server.restart();
     let done = server.wait(&place, |job| job["state"] == "succeeded" || job["state"] == "failed");
     assert_eq!(done["state"], "succeeded", "{done}");
     assert_eq!(done["attempts"], 2, "{done}");
+    let after = blocks(&folder);
+    assert!(before.iter().all(|block| after.contains(block)), "a block was baked again");
     let model = done["result"]["href"].as_str().expect("a model");
     assert!(
         server.get(&format!("{model}/blob"), &[]).body == expected,
@@ -257,6 +259,11 @@ fn bad_requests_are_refused() {
     ] {
         let answer = server.send("POST", "/v1/jobs", body.as_bytes(), &[]);
         assert_eq!(answer.status, 400, "{}", answer.text());
+    }
+    for query in ["state=lost", "page_size=0", "page_size=x", "pages=1"] {
+        let answer = server.get(&format!("/v1/jobs?{query}"), &[]);
+        assert!((400..500).contains(&answer.status), "{query}");
+        assert!(answer.json()["type"].is_string(), "{query}: {}", answer.text());
     }
     for path in [
         "/v1/models/../../etc/passwd",

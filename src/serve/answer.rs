@@ -1,6 +1,8 @@
 //! Small things that every handler uses: bodies in, JSON out, work that blocks.
 
 use axum::body::Body;
+use axum::extract::{FromRequestParts, Query};
+use axum::http::request::Parts;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use futures_util::StreamExt;
@@ -73,6 +75,21 @@ pub(super) fn pointer(path: &str) -> String {
     parts.fold("#".to_owned(), |pointer, part| {
         pointer + "/" + &part.replace('~', "~0").replace('/', "~1")
     })
+}
+
+/// What follows the `?`; a fault is a problem like any other.
+#[derive(Debug)]
+pub(super) struct Params<T>(pub(super) T);
+
+impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Params<T> {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        let query = Query::from_request_parts(parts, state).await;
+        query.map(|Query(params)| Self(params)).map_err(|rejection| {
+            Problem::new(StatusCode::BAD_REQUEST, "bad-request", rejection.body_text())
+        })
+    }
 }
 
 /// JSON with a status.

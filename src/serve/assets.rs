@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use axum::body::Body;
-use axum::extract::{Path as PathPart, Query, State};
+use axum::extract::{Path as PathPart, State};
 use axum::http::{HeaderMap, Method, StatusCode};
 use axum::response::Response;
 use futures_util::StreamExt;
@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use tokio::io::AsyncWriteExt;
 
-use super::answer::{self, blocking, content_length, is_sha256};
+use super::answer::{self, Params, blocking, content_length, is_sha256};
 use super::problem::Problem;
 use super::store::{Asset, hexadecimal};
 use super::{Service, StoreError, files, store};
@@ -34,7 +34,7 @@ const READ_ANYWAY: u64 = 1 << 20;
 pub(super) async fn put(
     State(service): State<Arc<Service>>,
     PathPart(sha256): PathPart<String>,
-    Query(query): Query<UploadQuery>,
+    Params(query): Params<UploadQuery>,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {

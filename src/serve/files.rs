@@ -76,16 +76,18 @@ fn beyond(size: u64) -> Response {
     response
 }
 
-/// Gives a file a second name; where the file system has no links, a copy.
+/// Gives a file a second name; where the file system has no links, a copy. A name that is taken
+/// stays as it is: to copy over it could write into the file itself.
 ///
 /// # Errors
 /// What the disk objects to.
 pub(super) fn link(from: &Path, to: &Path) -> Result<(), StoreError> {
-    if std::fs::hard_link(from, to).is_ok() {
-        return Ok(());
-    }
-    let io = |source| StoreError::Io { action: "copy", path: to.to_path_buf(), source };
-    std::fs::copy(from, to).map(drop).map_err(io)
+    let linked = match std::fs::hard_link(from, to) {
+        Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => Ok(()),
+        Err(_) => std::fs::copy(from, to).map(drop),
+        Ok(()) => Ok(()),
+    };
+    linked.map_err(|source| StoreError::Io { action: "copy", path: to.to_path_buf(), source })
 }
 
 /// A response with one more header.

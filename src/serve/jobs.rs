@@ -3,14 +3,14 @@
 use std::sync::Arc;
 
 use axum::body::Body;
-use axum::extract::{Extension, Path, Query, State};
+use axum::extract::{Extension, Path, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
-use super::answer::{self, blocking, bytes, text};
+use super::answer::{self, Params, blocking, bytes, text};
 use super::guard::Client;
 use super::problem::Problem;
 use super::request::{JobRequest, of_pipeline};
@@ -58,7 +58,7 @@ impl ListQuery {
 
 pub(super) async fn submit(
     State(service): State<Arc<Service>>,
-    Query(query): Query<SubmitQuery>,
+    Params(query): Params<SubmitQuery>,
     Extension(client): Extension<Client>,
     headers: HeaderMap,
     body: Body,
@@ -234,7 +234,7 @@ pub(super) fn show(job: &Job) -> Value {
 
 pub(super) async fn list(
     State(service): State<Arc<Service>>,
-    Query(query): Query<ListQuery>,
+    Params(query): Params<ListQuery>,
 ) -> Result<Response, Problem> {
     let (before, count) = query.page()?;
     let state = match query.state.as_deref() {

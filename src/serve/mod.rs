@@ -143,7 +143,7 @@ struct Service {
     guarded: bool,
 }
 
-/// How long connections and jobs may take to end.
+/// How long open connections may take to end.
 const FAREWELL: Duration = Duration::from_secs(10);
 
 /// How often the flag to stop is looked at.

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use axum::extract::{Path, Query, State};
+use axum::extract::{Path, State};
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde_json::{Value, json};
 
-use super::answer::{self, blocking, is_sha256};
+use super::answer::{self, Params, blocking, is_sha256};
 use super::jobs::ListQuery;
 use super::problem::Problem;
 use super::store::StoredModel;
@@ -68,7 +68,7 @@ fn describe(model: &Model) -> Value {
 
 pub(super) async fn list(
     State(service): State<Arc<Service>>,
-    Query(query): Query<ListQuery>,
+    Params(query): Params<ListQuery>,
 ) -> Result<Response, Problem> {
     let (before, count) = query.page()?;
     let models = blocking(move || Ok(service.store.models(before, count)?)).await?;

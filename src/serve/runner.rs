@@ -190,7 +190,10 @@ fn run(service: &Service, job: &Job, brake: &AtomicBool) -> Result<Made, Failure
     }
     let request: JobRequest = serde_json::from_str(&job.request)
         .map_err(|error| Failure::Problem(Problem::internal(&error)))?;
-    let prepared = request.open(&service.store.folder().sources(&job.id))?;
+    let sources = service.store.folder().sources(&job.id);
+    // Names that a power cut took are given again.
+    request.lay_out(service, &sources).map_err(Failure::Problem)?;
+    let prepared = request.open(&sources)?;
     let work = service.store.folder().work(&job.bake);
     let recorder = Recorder { service, job, last: Mutex::new(None) };
     let report = |progress| recorder.record(progress);

@@ -12,34 +12,34 @@ use serde_json::Value;
 use sha2::{Digest, Sha256};
 
 /// Lower-case hexadecimal.
-pub fn sha256(bytes: &[u8]) -> String {
+pub(crate) fn sha256(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// An answer.
-pub struct Answer {
-    pub status: u16,
+pub(crate) struct Answer {
+    pub(crate) status: u16,
     headers: Vec<(String, String)>,
-    pub body: Vec<u8>,
+    pub(crate) body: Vec<u8>,
 }
 
 impl Answer {
-    pub fn text(&self) -> String {
+    pub(crate) fn text(&self) -> String {
         String::from_utf8_lossy(&self.body).into_owned()
     }
 
-    pub fn json(&self) -> Value {
+    pub(crate) fn json(&self) -> Value {
         serde_json::from_slice(&self.body)
             .unwrap_or_else(|error| panic!("{error}: {}", self.text()))
     }
 
-    pub fn header(&self, name: &str) -> Option<String> {
+    pub(crate) fn header(&self, name: &str) -> Option<String> {
         self.headers.iter().find(|(known, _)| known == name).map(|(_, value)| value.clone())
     }
 }
 
 /// A running service; its folder goes with it.
-pub struct Server {
+pub(crate) struct Server {
     folder: tempfile::TempDir,
     flags: Vec<String>,
     child: Child,
@@ -49,7 +49,7 @@ pub struct Server {
 
 impl Server {
     /// Starts a service that knows the bundled character.
-    pub fn start(flags: &[&str]) -> Self {
+    pub(crate) fn start(flags: &[&str]) -> Self {
         let folder = tempfile::tempdir().expect("temporary folder");
         let flags: Vec<String> = flags.iter().map(|&flag| flag.to_owned()).collect();
         let (child, address) = spawn(&folder, &flags);
@@ -64,16 +64,16 @@ impl Server {
     }
 
     /// The character's asset.
-    pub fn figure(&self) -> String {
+    pub(crate) fn figure(&self) -> String {
         self.figure.clone()
     }
 
-    pub fn path(&self, name: &str) -> PathBuf {
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
     /// Runs a command of ours in the server's folder.
-    pub fn command(&self, words: &[&str]) -> Output {
+    pub(crate) fn command(&self, words: &[&str]) -> Output {
         let output = Command::new(env!("CARGO_BIN_EXE_poselight"))
             .args(words)
             .current_dir(self.folder.path())
@@ -84,24 +84,24 @@ impl Server {
     }
 
     /// `kill -9`.
-    pub fn kill(&mut self) {
+    pub(crate) fn kill(&mut self) {
         self.child.kill().expect("killed");
         self.child.wait().expect("ended");
     }
 
     /// SIGTERM, and the end that it comes to.
-    pub fn terminate(&mut self) -> ExitStatus {
+    pub(crate) fn terminate(&mut self) -> ExitStatus {
         let pid = self.child.id().to_string();
         Command::new("kill").args(["-TERM", &pid]).status().expect("signalled");
         self.child.wait().expect("ended")
     }
 
-    pub fn restart(&mut self) {
+    pub(crate) fn restart(&mut self) {
         (self.child, self.address) = spawn(&self.folder, &self.flags);
     }
 
     /// Another service cannot take the folder.
-    pub fn second_process_is_refused(&self) {
+    pub(crate) fn second_process_is_refused(&self) {
         let output = Command::new(env!("CARGO_BIN_EXE_poselight"))
             .args(["serve", "--data", "data", "--listen", "127.0.0.1:0"])
             .current_dir(self.folder.path())
@@ -111,32 +111,38 @@ impl Server {
         assert!(!output.status.success() && message.contains("another process"), "{message}");
     }
 
-    pub fn url(&self) -> String {
+    pub(crate) fn url(&self) -> String {
         format!("http://{}", self.address)
     }
 
-    pub fn connect(&self) -> TcpStream {
+    pub(crate) fn connect(&self) -> TcpStream {
         TcpStream::connect(&self.address).expect("connected")
     }
 
-    pub fn get(&self, path: &str, headers: &[(&str, &str)]) -> Answer {
+    pub(crate) fn get(&self, path: &str, headers: &[(&str, &str)]) -> Answer {
         self.send("GET", path, b"", headers)
     }
 
-    pub fn delete(&self, path: &str) -> Answer {
+    pub(crate) fn delete(&self, path: &str) -> Answer {
         self.send("DELETE", path, b"", &[])
     }
 
-    pub fn put(&self, path: &str, body: &[u8], headers: &[(&str, &str)]) -> Answer {
+    pub(crate) fn put(&self, path: &str, body: &[u8], headers: &[(&str, &str)]) -> Answer {
         self.send("PUT", path, body, headers)
     }
 
-    pub fn post(&self, path: &str, body: &Value, headers: &[(&str, &str)]) -> Answer {
+    pub(crate) fn post(&self, path: &str, body: &Value, headers: &[(&str, &str)]) -> Answer {
         self.send("POST", path, body.to_string().as_bytes(), headers)
     }
 
     /// One request on a connection of its own.
-    pub fn send(&self, method: &str, path: &str, body: &[u8], headers: &[(&str, &str)]) -> Answer {
+    pub(crate) fn send(
+        &self,
+        method: &str,
+        path: &str,
+        body: &[u8],
+        headers: &[(&str, &str)],
+    ) -> Answer {
         let mut head = format!(
             "{method} {path} HTTP/1.1\r\nConnection: close\r\nContent-Length: {}\r\n",
             body.len()
@@ -159,7 +165,7 @@ impl Server {
     }
 
     /// Asks for a job until it is as wanted; the answer that was.
-    pub fn wait(&self, path: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+    pub(crate) fn wait(&self, path: &str, wanted: impl Fn(&Value) -> bool) -> Value {
         let start = Instant::now();
         loop {
             let job = self.get(path, &[]).json();
