@@ -332,7 +332,7 @@ fn tokens_are_asked_for() {
 fn the_python_client_works() {
     let python = std::env::var("POSELIGHT_PYTHON").unwrap_or_else(|_| "python3".into());
     if !std::process::Command::new(&python).arg("-V").output().is_ok_and(|o| o.status.success()) {
-        println!("skipped: there is no {python}");
+        eprintln!("skipped: there is no {python}");
         return;
     }
     let server = Server::start(&[]);

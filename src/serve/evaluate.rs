@@ -48,7 +48,7 @@ pub(super) async fn post(
         let request: EvaluateRequest = document(&body)?;
         let model = worker.hot.model(&worker, &id)?.ok_or_else(|| Problem::not_found("model"))?;
         let values = evaluate(&worker, &model, &request)?;
-        Ok(if raw { as_bytes(values) } else { as_json(&values) })
+        Ok(if raw { as_bytes(&values) } else { as_json(&values) })
     })
     .await;
     service.metrics.evaluated(start.elapsed());
@@ -105,7 +105,7 @@ fn as_json(values: &Values) -> Response {
 }
 
 /// The numbers alone; the rest goes into headers, the largest distance for all poses.
-fn as_bytes(values: Values) -> Response {
+fn as_bytes(values: &Values) -> Response {
     let shape: Vec<String> = values.shape.iter().map(ToString::to_string).collect();
     let most = |of: fn(&Distance) -> f32| values.distances.iter().map(of).fold(0.0, f32::max);
     let (mahalanobis, residual) = (most(|d| d.mahalanobis), most(|d| d.residual));
