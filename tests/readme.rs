@@ -14,7 +14,8 @@ const LEFT_OUT: [(&str, &str); 3] = [
 ];
 
 /// What a block may be tagged beside `sh`; under another tag a command would hide from this test.
-const OTHER_TAGS: [&str; 3] = ["json", "python", "rust"];
+/// Blocks of `console` talk to a running service; `tests/serve.rs` runs them.
+const OTHER_TAGS: [&str; 4] = ["console", "json", "python", "rust"];
 
 /// Flags that make a command small, by the command's first word.
 fn reduction(command: &str) -> &'static [&'static str] {

@@ -359,3 +359,45 @@ fn the_python_client_works() {
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(!output.status.success() && message.contains("#/recipe/bake/order"), "{message}");
 }
+
+/// README's blocks of `console` work as typed, against a service elsewhere and with a smaller job.
+#[test]
+fn the_readme_works_as_typed() {
+    let known = |tool: &str| std::process::Command::new(tool).arg("--version").output().is_ok();
+    if let Some(tool) = ["bash", "curl", "jq", "python3"].iter().find(|tool| !known(tool)) {
+        eprintln!("skipped: there is no {tool}");
+        return;
+    }
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let readme = fs::read_to_string(root.join("README.md")).expect("README.md");
+    let mut script = String::from("set -euo pipefail\n");
+    for block in readme.split("```console\n").skip(1) {
+        for line in block.split("```").next().unwrap_or_default().lines() {
+            script += line.strip_prefix("$ ").unwrap_or(line);
+            script.push('\n');
+        }
+    }
+    assert!(script.lines().count() > 5, "README shows nothing: {script}");
+    let server = Server::start(&[]);
+    let small =
+        r#"{"rays": 4, "signal": "ao"}, "poses": {"rate_hz": 4}, "target": {"reference_poses": 2}"#;
+    let script = script
+        .replace("localhost:7878", server.url().trim_start_matches("http://"))
+        .replace(r#"{"rays": 64}"#, small)
+        .replace("clients/python", &root.join("clients/python").display().to_string())
+        .replace("--rays 64", "--recipe recipe.json");
+    let recipe = format!(r#"{{"version": 1, "bake": {small}}}"#);
+    fs::write(server.path("recipe.json"), recipe).expect("written");
+    fs::copy(server.path("figure.glb"), server.path("hero.glb")).expect("copied");
+    let output = std::process::Command::new("bash")
+        .args(["-c", &script])
+        .env("POSELIGHT_SERVER", server.url())
+        .current_dir(server.path(""))
+        .output()
+        .expect("started");
+    let said =
+        [output.stdout, output.stderr].map(|text| String::from_utf8_lossy(&text).into_owned());
+    assert!(output.status.success(), "{script}\n{said:?}");
+    assert!(said[0].contains("\"mahalanobis\""), "{said:?}");
+    assert!(server.path("hero.safetensors").is_file());
+}
