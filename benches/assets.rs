@@ -42,16 +42,20 @@ fn main() -> Result<()> {
         recipe.target.reference_poses
     );
     println!(
-        "| character | vertices | poses | Mray/s | model kB | unseen motion | RMSE | of the mean | ao error | of the mean | worst frame |"
+        "| character | vertices | poses | Mray/s | model kB | unseen motion | RMSE | of the mean | ao error | of the mean | worst frame | fit / bake |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
+    let mut failed = Vec::new();
     for scene in scenes(&folders)? {
         match run(&scene, recipe.clone()) {
             Ok(line) => println!("{line}"),
-            Err(error) => println!("| {} | {error} |", name(&scene)),
+            Err(error) => {
+                println!("| {} | {error} |", name(&scene));
+                failed.push(name(&scene));
+            }
         }
     }
-    Ok(())
+    if failed.is_empty() { Ok(()) } else { Err(format!("failed: {}", failed.join(", ")).into()) }
 }
 
 fn scenes(folders: &[PathBuf]) -> Result<Vec<PathBuf>> {
@@ -97,7 +101,7 @@ fn line(scene: &Path, job: &Job, outcome: &Outcome) -> String {
         format!("{} at {:.2} s ({:.3})", worst.pose.clip, worst.pose.time_s, worst.pose.ao_mae)
     });
     format!(
-        "| {} | {} | {} | {:.1} | {} | {} ({} poses) | {} | {} | {} | {} | {} |",
+        "| {} | {} | {} | {:.1} | {} | {} ({} poses) | {} | {} | {} | {} | {} | {:.3} |",
         name(scene),
         job.scene.mesh.positions.len(),
         job.poses.samples.len(),
@@ -109,6 +113,7 @@ fn line(scene: &Path, job: &Job, outcome: &Outcome) -> String {
         rms(mean),
         ao(model),
         ao(mean),
-        worst
+        worst,
+        outcome.figures.times.fit_s / outcome.baked.bake_s
     )
 }

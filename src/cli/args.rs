@@ -109,7 +109,8 @@ pub(crate) struct PoseFlags {
     /// Use only this clip (may be repeated); all clips when absent.
     #[arg(long, value_name = "NAME")]
     clip: Vec<String>,
-    /// Keep this clip from training and measure the model on it (may be repeated).
+    /// Keep this clip from training and measure the model on it (may be repeated) [default: a
+    /// quarter of the clips, drawn by the seed; of a single clip its last quarter].
     #[arg(long, value_name = "NAME")]
     hold_out: Vec<String>,
     /// Poses per second of clip [default: 30].
@@ -185,7 +186,8 @@ pub(crate) struct MeasureFlags {
     /// References use this many times the bake's rays, at least 8 [default: 8].
     #[arg(long, value_name = "N")]
     reference_factor: Option<u32>,
-    /// Reference poses of each split, fewer where a split has fewer [default: 100].
+    /// Reference poses of each split, at least, in runs of ten frames; all where a split has fewer
+    /// [default: 100].
     #[arg(long, value_name = "N")]
     reference_poses: Option<u32>,
     /// Largest novel error accepted (coefficient RMSE); exit status 3 when missed.
@@ -195,7 +197,7 @@ pub(crate) struct MeasureFlags {
 
 #[derive(Debug, Args)]
 pub(crate) struct BakeArgs {
-    /// The scene (.glb, .gltf, .obj).
+    /// The scene (.glb, .gltf, .obj, .npz).
     pub(crate) scene: PathBuf,
     /// The data set to write, or to continue.
     #[arg(short, long, value_name = "DATASET")]
@@ -274,7 +276,7 @@ pub(crate) struct ApplyArgs {
 
 #[derive(Debug, Args)]
 pub(crate) struct RunArgs {
-    /// The scene (.glb, .gltf, .obj).
+    /// The scene (.glb, .gltf, .obj, .npz).
     pub(crate) scene: PathBuf,
     /// The folder for data set, model, figures and report.
     #[arg(short, long, value_name = "DIR")]

@@ -55,7 +55,7 @@ pub fn main() -> ExitCode {
             ExitCode::from(if answer.met { 0 } else { 3 })
         }
         Err(error) => {
-            let message = format!("{error:#}");
+            let message = sentence(&error);
             if json {
                 say(&serde_json::json!({ "error": message }).to_string());
             }
@@ -65,12 +65,26 @@ pub fn main() -> ExitCode {
     }
 }
 
+/// An error and its causes in one line. Many errors tell their cause in their own sentence; it is
+/// not told twice.
+fn sentence(error: &anyhow::Error) -> String {
+    let mut sentence = String::new();
+    for cause in error.chain() {
+        let text = cause.to_string();
+        if sentence.is_empty() {
+            sentence = text;
+        } else if !sentence.contains(&text) {
+            sentence = format!("{sentence}: {text}");
+        }
+    }
+    sentence
+}
+
 /// A recipe that cannot run is a matter of usage, everything else is a failure.
 fn status(error: &anyhow::Error) -> u8 {
     let usage = error.chain().any(|cause| {
-        // JSON that is no recipe comes bare; the stages wrap theirs.
         cause.is::<RecipeError>()
-            || cause.is::<serde_json::Error>()
+            || cause.is::<commands::UnreadRecipe>()
             || matches!(cause.downcast_ref(), Some(pipeline::Error::Recipe(_)))
     });
     if usage { 2 } else { 1 }
@@ -136,4 +150,31 @@ fn log(command: &Command) {
 /// A reader that closed the pipe has heard enough.
 fn say(text: &str) {
     let _ = writeln!(std::io::stdout(), "{text}");
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+
+    /// A cause that the outer error already tells is told once; one that it keeps back is added.
+    #[test]
+    fn no_cause_is_told_twice() {
+        let missing = Path::new("nothere.glb");
+        let error: anyhow::Error =
+            pipeline::files::read(missing, 1).expect_err("there is no such file").into();
+        let told = sentence(&error.context("scene"));
+        assert_eq!(told.matches("No such file").count(), 1, "{told}");
+        assert!(told.starts_with("scene: "), "{told}");
+    }
+
+    /// Only what the user wrote is a matter of usage: damaged JSON of ours is a failure.
+    #[test]
+    fn damage_is_not_usage() {
+        let json = || serde_json::from_str::<u8>("{").expect_err("no number");
+        assert_eq!(status(&json().into()), 1);
+        let path = "recipe.json".into();
+        assert_eq!(status(&commands::UnreadRecipe { path, source: json() }.into()), 2);
+    }
 }

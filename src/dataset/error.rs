@@ -66,6 +66,20 @@ pub enum Error {
         /// The hash in the folder, or `none`.
         found: String,
     },
+    /// The data set has references of other settings.
+    #[error("{path} holds references of {rays} rays over {poses} poses, and {asked_rays} rays over {asked_poses} poses are asked for; ask for the same, or delete that folder to have references baked anew", path = path.display())]
+    OtherReferences {
+        /// The `reference` folder.
+        path: PathBuf,
+        /// Rays per point that are there.
+        rays: u32,
+        /// Poses that are there.
+        poses: usize,
+        /// Rays per point that were asked for.
+        asked_rays: u32,
+        /// Poses that were asked for.
+        asked_poses: usize,
+    },
     /// The hashes agree but the content does not: damage, or a build that computes differently.
     #[error("{path} agrees with the recipe's hash but differs in {what}; it is damaged or was made by a build that computes differently: choose another folder, or delete this one to start anew", path = path.display())]
     OtherContent {

@@ -83,7 +83,7 @@ impl Reference {
     /// Creates the reference of a data set, or continues the one that is there.
     ///
     /// # Errors
-    /// [`Error::OtherRecipe`] with stage `reference` where another one is there, [`Error::Locked`]
+    /// [`Error::OtherReferences`] where others are there, [`Error::Locked`]
     /// where it is being written, [`Error::Io`]; damage as [`Dataset::open`] names it.
     ///
     /// # Panics
@@ -103,11 +103,12 @@ impl Reference {
         }
         let mut reference = Self::open(dataset)?;
         if reference.header != *header {
-            return Err(Error::OtherRecipe {
+            return Err(Error::OtherReferences {
                 path: root,
-                stage: String::from("reference"),
-                expected: header.hash.clone(),
-                found: reference.header.hash,
+                rays: reference.header.rays,
+                poses: reference.header.poses.len(),
+                asked_rays: header.rays,
+                asked_poses: poses.len(),
             });
         }
         files::remove_temporaries(&root)?;

@@ -73,7 +73,7 @@ impl Form {
     }
 }
 
-/// y[v] = basis_c[v] · (z, 1) for the points v of cluster c, z = weights_c · (φ_c(X), 1) and
+/// y\[v\] = basis_c\[v\] · (z, 1) for the points v of cluster c, z = weights_c · (φ_c(X), 1) and
 /// X = projectionᵀ(x − `training.centre`).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Clustered {

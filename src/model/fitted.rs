@@ -140,6 +140,16 @@ impl Model {
         self.occluding.as_deref().map(|occluding| &occluding.occluders)
     }
 
+    /// What it is, for people: its family, or its occluders and the family of what remains.
+    #[must_use]
+    pub fn kind(&self) -> String {
+        match (self.occluders(), self.header.family) {
+            (None, family) => family.name().to_owned(),
+            (Some(_), super::Family::Mean) => "occluder".to_owned(),
+            (Some(_), family) => format!("occluder with {family}"),
+        }
+    }
+
     /// Everything about it that is not a tensor.
     #[must_use]
     pub fn header(&self) -> &Header {

@@ -10,7 +10,7 @@ use crate::num::panels::Panels;
 /// Pose clusters of less weight than this are left out of the sum: below the round-off of f32.
 const LEAST_WEIGHT: f64 = 1e-7;
 
-/// y[v] = mean[v] + Σ_j ω_j · coefficients[row_j(v), j] · (P_jᵀ(x − h̄_j), 1), where
+/// y\[v\] = mean\[v\] + Σ_j ω_j · coefficients[row_j(v), j] · (P_jᵀ(x − h̄_j), 1), where
 /// ω_j ∝ (d_min/d_j)^α and d_j = ‖x − h̄_j‖ (AO07 eq. 4 and 5; the 1 is missing in the published
 /// form).
 #[derive(Debug, Clone, PartialEq)]

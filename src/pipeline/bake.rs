@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::earlier::{self, Earlier};
 use super::progress::{Progress, Stage, Watch};
-use super::{Error, Job, describe};
+use super::{Error, Job, describe, difference};
 use crate::bake::{self, BakedPose, Baker, PosedMesh};
 use crate::dataset::{self, Layout, PoseData, Writer};
 use crate::num::random::hash;
@@ -38,11 +38,11 @@ pub fn bake(job: &Job, path: &Path, watch: &Watch) -> Result<Baked, Error> {
     bake_from(job, path, None, watch)
 }
 
-/// As [`bake`], taking over what the data set at `from` has of the same poses: the bytes are those
+/// As [`bake()`], taking over what the data set at `from` has of the same poses: the bytes are those
 /// of a bake from nothing.
 ///
 /// # Errors
-/// As [`bake`]; [`Error::Earlier`] where nothing can be taken.
+/// As [`bake()`]; [`Error::Earlier`] where nothing can be taken.
 pub fn bake_from(
     job: &Job,
     path: &Path,
@@ -52,7 +52,8 @@ pub fn bake_from(
     let earlier = from.map(|from| Earlier::open(from, job)).transpose()?;
     let mut header = describe::header(job)?;
     header.attributes.lineage.extend(earlier.as_ref().map(|earlier| earlier.lineage(job)));
-    let mut writer = Writer::open(path, &header, &describe::tables(job))?;
+    let mut writer = Writer::open(path, &header, &describe::tables(job))
+        .map_err(|error| difference::explain(error, path, job))?;
     let missing = writer.missing_blocks();
     let layout = *writer.layout();
     let rounds = Rounds::new(job, earlier)?;

@@ -78,6 +78,14 @@ pub enum Error {
     /// What stands around the character is not to be had, or makes no sense.
     #[error("surroundings: {0}")]
     Surroundings(String),
+    /// A data set that another recipe began.
+    #[error("{path} was baked by another recipe: {differences}; choose another folder, or delete this one to start anew", path = path.display())]
+    OtherBake {
+        /// The data set.
+        path: PathBuf,
+        /// The fields that differ, with both values.
+        differences: String,
+    },
     /// A model that belongs to another scene or bake.
     #[error(
         "the model was fitted to another bake ({model}) than this data set's ({dataset}); fit it anew, or name its own data set"

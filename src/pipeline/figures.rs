@@ -49,7 +49,7 @@ pub struct ModelFigures {
     pub precision: String,
     /// Bytes of the blob.
     pub bytes: u64,
-    /// Bytes of the decoder and encoder tensors at this precision, as MATH.md §5 counts them.
+    /// Bytes of the model's own tensors at this precision, which is what published sizes count.
     pub tensor_bytes: u64,
     /// Tensor bytes per cent of one pose's coefficients as f32.
     pub mesh_percent: f64,
@@ -63,6 +63,9 @@ pub struct ModelFigures {
     pub alpha: Option<f64>,
     /// Multiply-adds for all coefficients of one pose.
     pub multiply_adds: u64,
+    /// What the fit has to say about itself.
+    #[serde(default)]
+    pub notices: Vec<String>,
 }
 
 /// Wall times; absent where the work was done by an earlier run.
@@ -117,10 +120,11 @@ impl Times {
 impl ModelFigures {
     pub(super) fn of(model: &Model, bytes: u64, report: &FitReport) -> Self {
         let header = model.header();
-        let tensor_bytes = model.sizes(header.precision).decoder;
+        let sizes = model.sizes(header.precision);
+        let tensor_bytes = sizes.decoder + sizes.occluders;
         let mesh_bytes = u64::from(header.mesh.points) * header.width() as u64 * 4;
         Self {
-            family: header.family.name().to_owned(),
+            family: model.kind(),
             frame: header.frame.name().to_owned(),
             precision: header.precision.name().to_owned(),
             bytes,
@@ -131,6 +135,7 @@ impl ModelFigures {
             outputs: report.outputs,
             alpha: report.alpha,
             multiply_adds: model.multiply_adds(),
+            notices: report.notices.clone(),
         }
     }
 }

@@ -34,11 +34,11 @@ pub fn fit(dataset: &Dataset, recipe: &Recipe) -> Result<FittedModel, Error> {
     fit_without(dataset, recipe, &[])
 }
 
-/// [`fit`] without the training poses of some clips, by index: to try the recipe on them. The
+/// [`fit()`] without the training poses of some clips, by index: to try the recipe on them. The
 /// parametrisation is the data set's, for which those clips had a say in what varies.
 ///
 /// # Errors
-/// As [`fit`].
+/// As [`fit()`].
 pub fn fit_without(
     dataset: &Dataset,
     recipe: &Recipe,
@@ -51,7 +51,7 @@ pub fn fit_without(
 /// ascending, among the poses that are left.
 ///
 /// # Errors
-/// As [`fit`].
+/// As [`fit()`].
 pub(super) fn fit_part(
     dataset: &Dataset,
     recipe: &Recipe,
@@ -87,7 +87,7 @@ pub(super) fn fit_part(
     if let (Some(keep), Some(geometry)) = (keep, &mut geometry) {
         geometry.poses = keep.iter().map(|&i| geometry.poses[i]).collect();
     }
-    let fitted = fit_sizes(&training, settings, recipe, geometry)?;
+    let fitted = fit_sizes(&training, settings, recipe, geometry.as_ref())?;
     let fit_s = start.elapsed().as_secs_f64();
     let Fitted { decoder, training, report, occluders } = fitted;
     let kind = (decoder.family(), settings.frame);
@@ -107,10 +107,10 @@ fn fit_sizes(
     training: &Training,
     mut settings: fit::Settings,
     recipe: &Recipe,
-    geometry: Option<fit::Geometry<'_>>,
+    geometry: Option<&fit::Geometry<'_>>,
 ) -> Result<Fitted, Error> {
     loop {
-        let error = match fit::fit_posed(training, &settings, geometry.as_ref()) {
+        let error = match fit::fit_posed(training, &settings, geometry) {
             Ok(fitted) => return Ok(fitted),
             Err(error) => error,
         };

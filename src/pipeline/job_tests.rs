@@ -4,8 +4,9 @@ use serde_json::json;
 
 use super::*;
 use crate::dataset::Dataset;
-use crate::pipeline::recipe::FamilyName;
-use crate::pipeline::{Watch, bake, bake_reference, fit, measure};
+use crate::model::Model;
+use crate::pipeline::recipe::{FamilyName, PrecisionName};
+use crate::pipeline::{Watch, bake, bake_reference, examine, fit, measure, run};
 use crate::scene::Source;
 
 /// Two walls that meet at a right angle, one of this colour.
@@ -77,7 +78,7 @@ fn colour_bleeds_through_every_stage() {
     assert_eq!(dataset.header().layout.channels, 3);
     bake_reference(&dataset, job.checked.reference, &watch).unwrap();
     let fitted = fit(&dataset, &job.recipe).unwrap();
-    let measured = measure(&fitted.model, &dataset, &job.recipe, &watch).unwrap();
+    let measured = measure((&fitted.model, &fitted.model), &dataset, &job.recipe, &watch).unwrap();
     assert_eq!(measured.channels, 3);
     let points = job.poses.points.count();
     let mut values = vec![0.0; points * 12];
@@ -85,4 +86,28 @@ fn colour_bleeds_through_every_stage() {
     // A corner of the floor a metre from the wall.
     let [red, green, blue] = [0, 4, 8].map(|at| values[2 * 12 + at]);
     assert!(red > green + 0.01 && (green - blue).abs() < 1e-6, "{red} {green} {blue}");
+}
+
+/// A run in 8 bits measures the model that its file holds: measuring the file again gives the same
+/// figures, and the error that the bits add is that to the unquantised fit.
+#[test]
+fn what_is_measured_is_what_ships() {
+    let mut recipe = job([0.5; 3], 0).recipe;
+    recipe.output.precision = PrecisionName::I8;
+    let limits = Limits::default();
+    let scene = scene::import_sources_content(corner([0.5; 3]), &limits, content(&recipe)).unwrap();
+    let job = Job::new(scene, None, recipe).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let stop = AtomicBool::new(false);
+    let watch = Watch { cancelled: &stop, report: &|_| () };
+    let ran = run(&job, folder.path(), &watch).unwrap().figures;
+    let blob = std::fs::read(folder.path().join("model.safetensors")).unwrap();
+    let dataset = Dataset::open(&folder.path().join("dataset.zarr")).unwrap();
+    let mut model = Model::from_bytes(&blob).unwrap();
+    let (again, _) = examine(&mut model, &dataset, &job.recipe, &watch).unwrap();
+    assert_eq!(ran.measured, again.measured);
+    assert_eq!(ran.model.bytes, blob.len() as u64);
+    let candidates = &ran.measured.splits[0].candidates;
+    let exact = candidates.iter().find(|c| c.name == "f32").unwrap();
+    assert!(exact.added.as_ref().unwrap().coefficient_rms > 0.0);
 }

@@ -13,7 +13,7 @@ use crate::model::{Model, PosedInput, Precision};
 use crate::pose::Split;
 
 /// Candidates of one measurement: the model, the mean that it must beat, and the model at each
-/// smaller precision.
+/// other precision.
 struct Candidates {
     models: Vec<Model>,
     entries: Vec<Candidate>,
@@ -23,19 +23,20 @@ struct Candidates {
     job: Option<Job>,
 }
 
-/// Measures a model on every pose that the references cover, beside the mean that `recipe` gives.
+/// Measures a model on every pose that the references cover, beside the mean that `recipe` gives
+/// and beside the other precisions of `exact`, the same fit before it was quantised.
 ///
 /// # Errors
 /// [`Error::OtherDataset`] where the model was fitted to another bake; what the stages object to.
 pub fn measure(
-    model: &Model,
+    (model, exact): (&Model, &Model),
     dataset: &Dataset,
     recipe: &Recipe,
     watch: &Watch,
 ) -> Result<Measured, Error> {
     belongs(model, dataset)?;
     let reference = Reference::open(dataset)?;
-    let candidates = candidates(model, fit_mean(dataset, recipe)?, dataset)?;
+    let candidates = candidates((model, exact), fit_mean(dataset, recipe)?, dataset)?;
     stream(&candidates, dataset, &reference, watch)
 }
 
@@ -105,7 +106,7 @@ fn stream(
 
 /// A model is measured on the bake that it was fitted to, or the split into seen and unseen
 /// motion means nothing.
-fn belongs(model: &Model, dataset: &Dataset) -> Result<(), Error> {
+pub(super) fn belongs(model: &Model, dataset: &Dataset) -> Result<(), Error> {
     let hash = |hashes: &std::collections::BTreeMap<String, String>| {
         hashes.get("bake").cloned().unwrap_or_else(|| "none".to_owned())
     };
@@ -114,14 +115,18 @@ fn belongs(model: &Model, dataset: &Dataset) -> Result<(), Error> {
     if model == dataset { Ok(()) } else { Err(Error::OtherDataset { model, dataset }) }
 }
 
-fn candidates(model: &Model, mean: Model, dataset: &Dataset) -> Result<Candidates, Error> {
+fn candidates(
+    (model, exact): (&Model, &Model),
+    mean: Model,
+    dataset: &Dataset,
+) -> Result<Candidates, Error> {
     let entry = |name: &str, kind| Candidate { name: name.to_owned(), kind };
     let own = model.header().precision;
     let mut models = vec![model.clone(), mean];
     let mut entries = vec![entry("model", Kind::Model), entry("mean", Kind::Baseline)];
     for &precision in Precision::ALL {
-        if precision.bytes() < own.bytes() {
-            models.push(Model::from_bytes(&model.to_bytes(precision)?)?);
+        if precision != own {
+            models.push(Model::from_bytes(&exact.to_bytes(precision)?)?);
             entries.push(entry(precision.name(), Kind::Precision));
         }
     }
@@ -230,9 +235,10 @@ pub(super) fn predict(
 
 fn split(index: u8) -> Split {
     match index {
+        0 => Split::Training,
         1 => Split::Novel,
         2 => Split::Interpolated,
         3 => Split::WithinClip,
-        _ => Split::Training,
+        other => unreachable!("the data set's reader checks its splits, and found {other}"),
     }
 }

@@ -8,6 +8,7 @@ mod bake;
 mod candidates;
 mod checked;
 mod describe;
+mod difference;
 mod earlier;
 mod encoding;
 mod error;

@@ -1,6 +1,6 @@
 //! What a bake would cost, before a ray is cast in earnest.
 
-use super::{Error, Job, describe};
+use super::{Error, Job, describe, subset};
 
 /// The cost of a bake.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -13,12 +13,17 @@ pub struct Plan {
     pub rays: u64,
     /// Bytes of the data set's arrays on disk.
     pub disk_bytes: u64,
-    /// Peak memory: trees, rays, and the blocks that are baked, queued and written.
+    /// Peak memory: the scene, its sampled poses, trees, rays, and the blocks that are baked, queued
+    /// and written.
     pub memory_bytes: u64,
     /// Rays per second of a short calibration on this scene, all threads.
     pub rays_per_s: f64,
     /// Wall time, seconds.
     pub bake_s: f64,
+    /// Rays of the references that measure a model, over and above `rays`.
+    pub reference_rays: u64,
+    /// Wall time of baking them, seconds.
+    pub reference_s: f64,
 }
 
 /// Blocks in memory at once: one baked, one queued, one written.
@@ -47,7 +52,11 @@ pub fn plan(job: &Job) -> Result<Plan, Error> {
     let scene_bytes: u64 = job.scene.sources.iter().map(|s| s.bytes.len() as u64).sum();
     let threads = rayon::current_num_threads();
     let prepare_s = calibration.prepare_s * layout.poses as f64 / threads as f64;
+    let reference_rays =
+        (reference_poses(job) * layout.points as f64 * calibration.rays_per_point).round() as u64;
     Ok(Plan {
+        reference_rays,
+        reference_s: reference_rays as f64 / calibration.rays_per_s,
         poses: layout.poses,
         points: layout.points,
         rays,
@@ -55,8 +64,61 @@ pub fn plan(job: &Job) -> Result<Plan, Error> {
         memory_bytes: baker.memory_bytes(layout.block_poses, threads)
             + block_bytes * BLOCKS_IN_FLIGHT
             + posed_bytes
+            + sampled_bytes(job)
             + scene_bytes,
         rays_per_s: calibration.rays_per_s,
         bake_s: prepare_s + rays as f64 / calibration.rays_per_s,
     })
+}
+
+/// Bytes of the sampled poses, which all stay in memory.
+fn sampled_bytes(job: &Job) -> u64 {
+    let Some(first) = job.poses.samples.first() else { return 0 };
+    let sample = size_of_val(first)
+        + size_of_val(&*first.pose.local)
+        + size_of_val(&*first.pose.weights)
+        + size_of_val(&*first.bone_rotations);
+    (job.poses.samples.len() * sample + size_of_val(&*job.poses.parameters)) as u64
+}
+
+/// Poses that both references bake, in poses of this bake's rays.
+fn reference_poses(job: &Job) -> f64 {
+    let samples = &job.poses.samples;
+    let splits: Vec<u8> = samples.iter().map(|sample| sample.split as u8).collect();
+    let clips: Vec<i32> = samples.iter().map(|sample| sample.clip as i32).collect();
+    let settings = job.checked.reference;
+    let poses = subset::choose(&splits, &clips, settings.poses, job.recipe.bake.seed).len();
+    2.0 * poses as f64 * f64::from(settings.factor)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pipeline::recipe::Recipe;
+    use crate::scene::figure::figure;
+
+    fn plan_at(rate_hz: f32) -> Plan {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let path = folder.path().join("figure.glb");
+        std::fs::write(&path, figure()).expect("written");
+        let mut recipe = Recipe::default();
+        recipe.poses.rate_hz = rate_hz;
+        recipe.poses.near_repeat = 0.0;
+        recipe.bake.rays = 16;
+        plan(&Job::open(&path, recipe).expect("a job")).expect("a plan")
+    }
+
+    /// Rays are poses × points × rays; memory grows with the poses by what their samples hold and
+    /// by nothing else; references cost at least 8 times the rays, twice, on every pose they cover.
+    #[test]
+    fn a_plan_counts_what_a_run_will_use() {
+        let (few, many) = (plan_at(4.0), plan_at(40.0));
+        assert_eq!(many.rays, (many.poses * many.points * 16) as u64);
+        assert!(many.poses > 8 * few.poses, "{} and {}", many.poses, few.poses);
+        let added = many.memory_bytes - few.memory_bytes;
+        let per_pose = added / (many.poses - few.poses) as u64;
+        assert!((500..8_000).contains(&per_pose), "{per_pose} bytes a pose");
+        assert_eq!(few.reference_rays, 16 * few.rays, "all poses of so few are covered");
+        assert!(many.reference_rays < 16 * many.rays);
+    }
 }

@@ -123,6 +123,7 @@ fn model_facts(
         frame: sizes.frame.clone(),
         alpha: report.alpha,
         sizes: precisions(model, figures),
+        tensor_bytes: sizes.tensor_bytes,
         training_bytes: mesh_bytes * training,
         mesh_bytes,
         multiply_adds: sizes.multiply_adds,
@@ -131,12 +132,13 @@ fn model_facts(
     }
 }
 
-/// Bytes of the tensors, which is what the published sizes count: the model, then its precisions.
+/// Bytes of the model's file, then of those of the other precisions that can hold its numbers.
 fn precisions(model: &Model, figures: &Figures) -> Vec<(String, u64)> {
     let own = model.header().precision;
-    let smaller = Precision::ALL.iter().filter(|p| p.bytes() < own.bytes());
-    std::iter::once(("model".to_owned(), figures.model.tensor_bytes))
-        .chain(smaller.map(|p| (p.name().to_owned(), model.sizes(*p).decoder)))
+    let others = Precision::ALL.iter().filter(|&&p| p != own);
+    let written = others.filter_map(|&p| Some((p, model.to_bytes(p).ok()?.len() as u64)));
+    std::iter::once(("model".to_owned(), figures.model.bytes))
+        .chain(written.map(|(p, bytes)| (p.name().to_owned(), bytes)))
         .collect()
 }
 

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::figures::{Figures, ModelFigures, Spectra, Story, Times};
+use super::measure::belongs;
 use super::recipe::Recipe;
 use super::{
     Baked, Checked, Error, FittedModel, Job, ReferenceSettings, Watch, bake, bake_reference, files,
@@ -53,10 +54,13 @@ pub fn run(job: &Job, folder: &Path, watch: &Watch) -> Result<Outcome, Error> {
         return Ok(Outcome { baked, figures, met, made: false });
     }
     let referenced = bake_reference(&dataset, settings, watch)?;
-    let FittedModel { mut model, report, fit_s } = fit(&dataset, &job.recipe)?;
+    let FittedModel { model: exact, report, fit_s } = fit(&dataset, &job.recipe)?;
+    // What is measured is what ships: the model as its file gives it.
+    let precision = job.checked.precision;
+    let mut model = Model::from_bytes(&exact.to_bytes(precision)?)?;
     let story = Story { baked: Some(&baked), referenced: &referenced, report: &report, fit_s };
-    let figures = assess(&mut model, &dataset, &job.recipe, &story, watch)?;
-    let blob = model.to_bytes(job.checked.precision)?;
+    let figures = assess((&mut model, &exact), &dataset, &job.recipe, &story, watch)?;
+    let blob = model.to_bytes(precision)?;
     let page = report::page(job, &dataset, &model, &figures, &report);
     files::publish(&folder.join(RECIPE), &json("the recipe", &job.recipe)?)?;
     files::publish(&folder.join(MODEL), &blob)?;
@@ -78,24 +82,25 @@ pub fn examine(
     watch: &Watch,
 ) -> Result<(Figures, String), Error> {
     let settings = Checked::new(recipe)?.reference;
+    belongs(model, dataset)?;
     let referenced = bake_reference(dataset, settings, watch)?;
     // The blob does not carry the spectra and the search for α; the same fit finds them again.
-    let FittedModel { report, fit_s, .. } = fit(dataset, recipe)?;
+    let FittedModel { model: exact, report, fit_s } = fit(dataset, recipe)?;
     let story = Story { baked: None, referenced: &referenced, report: &report, fit_s };
-    let figures = assess(model, dataset, recipe, &story, watch)?;
+    let figures = assess((model, &exact), dataset, recipe, &story, watch)?;
     let page = report::page(&job_of(dataset)?, dataset, model, &figures, &report);
     Ok((figures, page))
 }
 
-/// Measures a model and puts the errors into its header.
+/// Measures a model, beside the same fit unquantised, and puts the errors into its header.
 fn assess(
-    model: &mut Model,
+    (model, exact): (&mut Model, &Model),
     dataset: &Dataset,
     recipe: &Recipe,
     story: &Story,
     watch: &Watch,
 ) -> Result<Figures, Error> {
-    let measured = measure(model, dataset, recipe, watch)?;
+    let measured = measure((model, exact), dataset, recipe, watch)?;
     model.set_errors(super::figures::errors(&measured));
     let bytes = model.to_bytes(model.header().precision)?.len() as u64;
     Ok(Figures {

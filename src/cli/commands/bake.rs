@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 use crate::cli::args::BakeArgs;
 use crate::cli::{Answer, units};
 use crate::pipeline::{self, Baked, Job, Plan, Watch};
+use crate::pose::Split;
 
 pub(in crate::cli) fn bake(args: &BakeArgs, watch: &Watch) -> anyhow::Result<Answer> {
     let mut recipe = super::start(&args.recipe)?;
@@ -64,13 +65,34 @@ pub(super) fn notices(job: &Job) -> Vec<String> {
     }
     if job.poses.samples.len() == 1 {
         notices.push("the scene does not move: one pose is baked, and a model is its mean".into());
+    } else if job.poses.parametrisation.columns.is_empty() {
+        notices.push("no joint moves in the training poses: a model is their mean".into());
     }
+    notices.extend(held_out(job));
     notices
+}
+
+/// What the model will be proven on, which the user may not have chosen.
+fn held_out(job: &Job) -> Option<String> {
+    let of = |split| job.poses.samples.iter().filter(move |sample| sample.split == split);
+    let within = of(Split::WithinClip).count();
+    if within > 0 {
+        return Some(format!("held out: the last {within} poses of the only clip"));
+    }
+    let mut clips: Vec<&str> =
+        of(Split::Novel).map(|sample| job.poses.clip_names[sample.clip].as_str()).collect();
+    clips.dedup();
+    let drawn = if job.checked.poses.hold_out.is_none() {
+        " (drawn by the seed; --hold-out chooses)"
+    } else {
+        ""
+    };
+    (!clips.is_empty()).then(|| format!("held out: {}{drawn}", clips.join(", ")))
 }
 
 fn planned(job: &Job, plan: &Plan) -> Answer {
     let text = format!(
-        "{} poses of {} points\n{} rays, {} at {:.1} Mray/s\n{} on disk, {} of memory",
+        "{} poses of {} points\n{} rays, {} at {:.1} Mray/s\n{} on disk, {} of memory\nmeasuring a model casts {} rays more, {}",
         plan.poses,
         units::count(plan.points as u64),
         units::count(plan.rays),
@@ -78,6 +100,8 @@ fn planned(job: &Job, plan: &Plan) -> Answer {
         plan.rays_per_s / 1e6,
         units::bytes(plan.disk_bytes),
         units::bytes(plan.memory_bytes),
+        units::count(plan.reference_rays),
+        units::seconds(plan.reference_s),
     );
     let json = json!({
         "poses": plan.poses,
@@ -87,6 +111,8 @@ fn planned(job: &Job, plan: &Plan) -> Answer {
         "memory_bytes": plan.memory_bytes,
         "rays_per_s": plan.rays_per_s,
         "bake_s": plan.bake_s,
+        "reference_rays": plan.reference_rays,
+        "reference_s": plan.reference_s,
         "notices": notices(job),
     });
     Answer::new(text, json)

@@ -8,10 +8,10 @@ use serde_json::json;
 use crate::cli::args::EvaluateArgs;
 use crate::cli::{Answer, files as arrays};
 use crate::model::Model;
-use crate::pipeline::{self, Light, Query, files};
+use crate::pipeline::{self, Light, Query};
 
 pub(in crate::cli) fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Answer> {
-    let model = Model::from_bytes(&files::read(&args.model, super::MOST_MODEL_BYTES)?)?;
+    let model = super::read_model(&args.model)?.0;
     let queries = match (&args.parameters, &args.scene, &args.clip) {
         (Some(path), _, _) => from_parameters(&model, path)?,
         (None, Some(scene), Some(clip)) => from_clip(&model, scene, clip, args.fps)?,

@@ -22,11 +22,14 @@ pub(in crate::cli) fn fit(args: &FitCommandArgs, watch: &Watch) -> anyhow::Resul
     let fitted = pipeline::fit(&dataset, &recipe)?;
     let blob = fitted.model.to_bytes(checked.precision)?;
     files::publish(&args.output, &blob)?;
-    let text = format!(
+    let mut text = format!(
         "{}\n{}",
         args.output.display(),
         describe(&fitted.model, blob.len() as u64, fitted.fit_s)
     );
+    for notice in &fitted.report.notices {
+        text += &format!("\n  note: {notice}");
+    }
     let json = json!({ "model": args.output, "fit": figures(&fitted, blob.len() as u64) });
     Ok(Answer::new(text, json))
 }
@@ -99,7 +102,7 @@ pub(super) fn describe(model: &Model, bytes: u64, fit_s: f64) -> String {
     let header = model.header();
     format!(
         "  {} in the {} frame, {} ({}), fitted in {}",
-        header.family,
+        model.kind(),
         header.frame,
         units::bytes(bytes),
         header.precision,
@@ -111,7 +114,8 @@ pub(super) fn describe(model: &Model, bytes: u64, fit_s: f64) -> String {
 pub(super) fn figures(fitted: &FittedModel, bytes: u64) -> serde_json::Value {
     let header = fitted.model.header();
     json!({
-        "family": header.family.name(),
+        "family": fitted.model.kind(),
+        "notices": fitted.report.notices,
         "frame": header.frame.name(),
         "bytes": bytes,
         "parameters": header.parameters(),

@@ -7,9 +7,8 @@ use serde_json::{Value, json};
 use crate::cli::args::InspectArgs;
 use crate::cli::{Answer, units};
 use crate::dataset::{Dataset, SPLIT_NAMES};
-use crate::model::Model;
 use crate::pipeline::recipe::Recipe;
-use crate::pipeline::{self, Job, files};
+use crate::pipeline::{self, Job};
 
 pub(in crate::cli) fn inspect(args: &InspectArgs) -> anyhow::Result<Answer> {
     if args.file.is_dir() {
@@ -46,7 +45,8 @@ fn scene(path: &Path) -> anyhow::Result<Answer> {
         "parameters": parameters.columns.iter().map(|c| &c.name).collect::<Vec<_>>(),
         "dropped_parameters": parameters.dropped,
         "default_bake": { "poses": plan.poses, "rays": plan.rays, "bake_s": plan.bake_s,
-            "disk_bytes": plan.disk_bytes, "memory_bytes": plan.memory_bytes },
+            "disk_bytes": plan.disk_bytes, "memory_bytes": plan.memory_bytes,
+            "reference_s": plan.reference_s },
         "notices": super::bake::notices(&job),
     });
     Ok(Answer::new(scene_text(&job, &plan), json))
@@ -77,12 +77,13 @@ fn scene_text(job: &Job, plan: &pipeline::Plan) -> String {
         text += &format!("  note: {notice}\n");
     }
     text += &format!(
-        "a default bake: {} poses, {} rays, about {}, {} on disk, {} of memory",
+        "a default bake: {} poses, {} rays, about {}, {} on disk, {} of memory; measuring a model: about {}",
         plan.poses,
         units::count(plan.rays),
         units::seconds(plan.bake_s),
         units::bytes(plan.disk_bytes),
         units::bytes(plan.memory_bytes),
+        units::seconds(plan.reference_s),
     );
     text
 }
@@ -133,17 +134,16 @@ fn dataset(path: &Path) -> anyhow::Result<Answer> {
 }
 
 fn model(path: &Path) -> anyhow::Result<Answer> {
-    let bytes = files::read(path, super::MOST_MODEL_BYTES)?;
-    let model = Model::from_bytes(&bytes)?;
+    let (model, bytes) = super::read_model(path)?;
     let header = model.header();
     let text = format!(
         "model: {} of {} order {} in the {} frame, {}, {}\n  {} points ({} vertices), {} pose parameters, {} training poses\n  {}",
-        header.family,
+        model.kind(),
         header.signal,
         header.order,
         header.frame,
         header.precision,
-        units::bytes(bytes.len() as u64),
+        units::bytes(bytes),
         units::count(u64::from(header.mesh.points)),
         units::count(u64::from(header.mesh.vertices)),
         header.parameters(),
@@ -152,7 +152,7 @@ fn model(path: &Path) -> anyhow::Result<Answer> {
     );
     let json = json!({
         "kind": "model",
-        "bytes": bytes.len(),
+        "bytes": bytes,
         "header": serde_json::to_value(header)?,
     });
     Ok(Answer::new(text, json))

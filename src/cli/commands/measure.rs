@@ -2,15 +2,14 @@
 
 use serde_json::json;
 
+use crate::cli::Answer;
 use crate::cli::args::MeasureArgs;
-use crate::cli::{Answer, units};
 use crate::dataset::Dataset;
 use crate::measure::Measured;
-use crate::model::Model;
 use crate::pipeline::{self, Checked, Watch, files};
 
 pub(in crate::cli) fn measure(args: &MeasureArgs, watch: &Watch) -> anyhow::Result<Answer> {
-    let mut model = Model::from_bytes(&files::read(&args.model, super::MOST_MODEL_BYTES)?)?;
+    let mut model = super::read_model(&args.model)?.0;
     let dataset = Dataset::open(&args.dataset)?;
     let mut recipe = pipeline::recipe_of_model(&model)?;
     args.measure.edit(&mut recipe);
@@ -19,9 +18,18 @@ pub(in crate::cli) fn measure(args: &MeasureArgs, watch: &Watch) -> anyhow::Resu
     if let Some(path) = &args.report {
         files::publish(path, page.as_bytes())?;
     }
-    let mut answer = Answer::new(table(&figures.measured), json!({ "figures": figures }));
-    answer.met = pipeline::meets_target(&figures.measured, checked.reference);
+    let met = pipeline::meets_target(&figures.measured, checked.reference);
+    let text = table(&figures.measured) + &verdict(met, checked.reference.max_error);
+    let mut answer = Answer::new(text, json!({ "figures": figures, "target_met": met }));
+    answer.met = met;
     Ok(answer)
+}
+
+/// A line on the target, where one was stated.
+pub(super) fn verdict(met: bool, most: Option<f32>) -> String {
+    let Some(most) = most else { return String::new() };
+    let verdict = if met { "met" } else { "MISSED" };
+    format!("\ntarget of at most {most} on unseen motion (coefficient RMSE): {verdict}")
 }
 
 /// The headline figures, a line per split.
@@ -48,7 +56,7 @@ pub(super) fn table(measured: &Measured) -> String {
                 worst.pose.clip,
                 worst.pose.time_s,
                 worst.pose.ao_mae,
-                units::count(u64::from(worst.vertex.place.vertex_in_part)),
+                worst.vertex.place.vertex_in_part,
                 worst.vertex.place.part,
                 worst.vertex.ao_mae,
             );

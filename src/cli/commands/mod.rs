@@ -24,16 +24,27 @@ pub(super) use sample::{sample, schema};
 pub(super) use serve::{serve, token};
 pub(super) use tradeoff::tradeoff;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 
 use super::args::RecipeArgs;
+use crate::model::Model;
 use crate::pipeline::files;
 use crate::pipeline::recipe::Recipe;
 
 /// A recipe is text that a person writes.
 const MOST_RECIPE_BYTES: u64 = 1 << 20;
+
+/// A file that was named as a recipe and is none.
+#[derive(Debug, thiserror::Error)]
+#[error("recipe {path}: {source}", path = path.display())]
+pub(super) struct UnreadRecipe {
+    /// The file.
+    pub(super) path: PathBuf,
+    /// Where and what is wrong with it.
+    pub(super) source: serde_json::Error,
+}
 
 /// The recipe to start from.
 fn start(args: &RecipeArgs) -> anyhow::Result<Recipe> {
@@ -42,8 +53,17 @@ fn start(args: &RecipeArgs) -> anyhow::Result<Recipe> {
 
 fn read_recipe(path: &Path) -> anyhow::Result<Recipe> {
     let bytes = files::read(path, MOST_RECIPE_BYTES)?;
-    Recipe::from_json(&bytes).with_context(|| format!("recipe {}", path.display()))
+    Ok(Recipe::from_json(&bytes)
+        .map_err(|source| UnreadRecipe { path: path.to_owned(), source })?)
 }
 
 /// A model is about a megabyte; the full linear one of a large mesh stays below this.
 const MOST_MODEL_BYTES: u64 = 4 << 30;
+
+/// A model from its file.
+fn read_model(path: &Path) -> anyhow::Result<(Model, u64)> {
+    let bytes = files::read(path, MOST_MODEL_BYTES)?;
+    let model = Model::from_bytes(&bytes)
+        .with_context(|| format!("{} is not a model that can be used", path.display()))?;
+    Ok((model, bytes.len() as u64))
+}

@@ -25,10 +25,14 @@ pub(in crate::cli) fn run(args: &RunArgs, watch: &Watch) -> anyhow::Result<Answe
         units::seconds(figures.times.fit_s),
         figures.times.evaluate_us,
     );
+    for notice in &figures.model.notices {
+        text += &format!("\n  note: {notice}");
+    }
     if !outcome.made {
         text += "\n  model and figures were there already";
     }
     text += &format!("\n{}", super::measure::table(&figures.measured));
+    text += &super::measure::verdict(outcome.met, job.checked.reference.max_error);
     text += &format!("\n{}", args.output.join("report.html").display());
     let json = json!({
         "output": args.output,

@@ -29,8 +29,7 @@ pub(super) fn beside_prt(input: &ReportInput<'_>) -> String {
     };
     let per_pose = times.bake_s.filter(|_| times.bake_poses > 0);
     let per_pose = per_pose.map_or_else(unknown, |s| time(s / times.bake_poses as f64));
-    let model_bytes = model.sizes.first().map(|s| s.1);
-    let of_mesh = model_bytes.filter(|_| model.mesh_bytes > 0);
+    let of_mesh = Some(model.tensor_bytes).filter(|_| model.mesh_bytes > 0);
     let of_mesh = of_mesh.map_or_else(unknown, |b| percent(b as f64 / model.mesh_bytes as f64));
     let rate = model.evaluate_us.filter(|&us| us > 0.0);
     let rate = rate.map_or_else(unknown, |us| format!("{}\u{a0}Hz", number(1e6 / us, 3)));
@@ -53,7 +52,7 @@ pub(super) fn beside_prt(input: &ReportInput<'_>) -> String {
         row("Fit without PCA", &phases(false), ["73\u{a0}s"; 3]),
         row("PCA", &phases(true), ["324\u{a0}s"; 3]),
         row(
-            "Model, of one mesh’s coefficients",
+            "Tensors, of one mesh’s coefficients",
             &of_mesh,
             ["62.9\u{a0}%", "1457\u{a0}%", "5400\u{a0}%"],
         ),

@@ -189,7 +189,7 @@ fn light_bar(c: &CandidateMeasured, light: usize, most: f64) -> String {
     )
 }
 
-/// Bytes and added error of each precision; empty where the model has only one.
+/// Bytes and error of each precision, and how far it is from the model; empty where there is one only.
 pub(super) fn precisions(input: &ReportInput<'_>) -> String {
     let measured = input.measured;
     let split = measured.headline.and_then(|s| measured.split(s));
@@ -218,7 +218,7 @@ pub(super) fn precisions(input: &ReportInput<'_>) -> String {
     let kinds = [Kind::Model, Kind::Precision];
     let rows: String = candidates.iter().filter(|c| kinds.contains(&c.kind)).map(row).collect();
     format!(
-        "<div class=\"scroll\" tabindex=\"0\"><table class=\"figures\"><thead><tr><th scope=\"col\">Stored as</th><th scope=\"col\">Blob</th><th scope=\"col\">Added coefficient RMS</th><th scope=\"col\">Added AO mean</th><th scope=\"col\">Added AO max</th><th scope=\"col\">Mean square grows by</th><th scope=\"col\">AO mean |e|</th></tr></thead><tbody>{rows}</tbody></table></div>"
+        "<div class=\"scroll\" tabindex=\"0\"><table class=\"figures\"><thead><tr><th scope=\"col\">Stored as</th><th scope=\"col\">File</th><th scope=\"col\">Added coefficient RMS</th><th scope=\"col\">Added AO mean</th><th scope=\"col\">Added AO max</th><th scope=\"col\">Mean square grows by</th><th scope=\"col\">AO mean |e|</th></tr></thead><tbody>{rows}</tbody></table></div>"
     )
 }
 

@@ -50,8 +50,9 @@ fn lede(input: &ReportInput<'_>, h: &Headline<'_>) -> String {
     };
     let bytes = input.model.sizes.first();
     let model = bytes.map_or_else(|| "The model".to_owned(), |s| format!("A {} model", size(s.1)));
-    let vertices = plural(input.character.vertices.max(input.measured.points), "vertex");
-    let vertices = vertices.replace("vertexs", "vertices");
+    let vertices = input.character.vertices.max(input.measured.points);
+    let vertices =
+        format!("{} {}", count(vertices as u64), if vertices == 1 { "vertex" } else { "vertices" });
     let seen = match h.split.split {
         Split::Novel => "In clips that it has not seen",
         Split::WithinClip => "In the held-out end of its only clip",
@@ -77,7 +78,7 @@ fn lede(input: &ReportInput<'_>, h: &Headline<'_>) -> String {
 /// How the error compares to the baseline's; differences below 0.5 % are none.
 fn against(error: f64, baseline: f64) -> String {
     let (shown, less) = (number(baseline, 2), 1.0 - error / baseline.max(1e-300));
-    if less.abs() < 0.005 {
+    if error == baseline || less.abs() < 0.005 {
         return ", the same as a model that ignores the pose".to_owned();
     }
     if less < 0.0 {
@@ -92,6 +93,12 @@ fn against(error: f64, baseline: f64) -> String {
 /// The caller's warnings, and those that the figures themselves call for.
 fn all_warnings(input: &ReportInput<'_>) -> Vec<String> {
     let mut all = input.warnings.clone();
+    if input.character.parameters == 0 {
+        all.push(
+            "Nothing that the model could follow moves in the training poses: the model is their mean."
+                .to_owned(),
+        );
+    }
     if input.measured.headline == Some(Split::Training) && input.character.parameters > 0 {
         all.push(
             "No motion was held out: the errors are of poses that the fit has seen.".to_owned(),
@@ -204,6 +211,6 @@ fn size_tile(input: &ReportInput<'_>) -> String {
     .flatten()
     .collect();
     let (value, unit) = bytes(*n);
-    let more = format!("{} blob; {}", escape(name), parts.join(", "));
+    let more = format!("{} file; {}", escape(name), parts.join(", "));
     tile("", "Model", (value, unit), more.trim_end_matches("; "))
 }

@@ -85,8 +85,10 @@ pub struct ModelFacts {
     pub frame: String,
     /// The chosen ridge α, where there is one.
     pub alpha: Option<f64>,
-    /// Bytes of the blob by candidate name: the model first, then its other precisions.
+    /// Bytes of the file by candidate name: the model first, then its other precisions.
     pub sizes: Vec<(String, u64)>,
+    /// Bytes of the model's tensors alone, which is what the published sizes count.
+    pub tensor_bytes: u64,
     /// Bytes of the training coefficients as f32.
     pub training_bytes: u64,
     /// Bytes of one pose's coefficients as f32.

@@ -158,6 +158,7 @@ fn facts(name: &str) -> (Character, ModelFacts, Times, LeftOut) {
             ("model f16".to_owned(), 653_256),
             ("model i8".to_owned(), 330_100),
         ],
+        tensor_bytes: 1_290_000,
         training_bytes: 2_579_000_000,
         mesh_bytes: 2_079_936,
         multiply_adds: 11_446_000,
