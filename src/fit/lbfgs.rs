@@ -22,8 +22,8 @@ pub(super) struct Minimum {
 }
 
 /// Minimises `f`, which gives its value and writes its gradient, from `start` in at most `budget`
-/// steps. It stops where the gradient is 1e-10 of the first one, or where no step along it lowers
-/// the value.
+/// steps. It stops where the gradient is 1e-10, or that part of a first one below 1 (a bad start has
+/// a large one, which says nothing of the minimum), or where no step along it lowers the value.
 pub(super) fn minimise(
     start: Vec<f64>,
     budget: usize,
@@ -33,7 +33,7 @@ pub(super) fn minimise(
     let mut x = start;
     let mut gradient = vec![0.0; n];
     let mut value = f(&x, &mut gradient);
-    let small = 1e-20 * dot(&gradient, &gradient);
+    let small = 1e-20 * dot(&gradient, &gradient).min(1.0);
     let mut history: Vec<(Vec<f64>, Vec<f64>, f64)> = Vec::new();
     let (mut trial, mut trial_gradient) = (vec![0.0; n], vec![0.0; n]);
     let mut steps = 0;
