@@ -1,5 +1,5 @@
 //! `cargo bench --bench fit`: seconds and memory of the fits on a data set of the published size,
-//! 430 poses × 11,534 vertices × 36 coefficients (MATH.md §10), beside numpy and scikit-learn
+//! 430 poses × 11,534 vertices × 36 coefficients, beside numpy and scikit-learn
 //! where they are installed. `--quick` runs a tenth of the points.
 //!
 //! The data are synthetic: outputs that follow the poses linearly through modes of falling

@@ -1,4 +1,4 @@
-//! Rank 10. Model families fitted to a training set (MATH.md §5).
+//! Rank 10. Model families fitted to a training set.
 //!
 //! [`fit`] streams a [`Training`] set by blocks of points and gives the decoder of one family:
 //! the mean, a ridge on all pose parameters (`linear`), or a ridge between the principal

@@ -8,7 +8,7 @@ use crate::model::Signal;
 use crate::rig::Part;
 use crate::sh::Order;
 
-/// Why a pose was kept from the fit, or not; MATH.md §7. Wire name in kebab case.
+/// Why a pose was kept from the fit, or not. Wire name in kebab case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Split {

@@ -11,7 +11,7 @@ use super::{Kind, Signal, Split};
 /// Version of the document.
 pub const VERSION: u32 = 1;
 
-/// Every figure of MATH.md §7.
+/// Every figure of a measurement.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
     /// [`VERSION`].

@@ -1,4 +1,4 @@
-//! Rank 11. Errors, costs and the report (MATH.md §7).
+//! Rank 11. Errors, costs and the report.
 //!
 //! A [`Measurement`] is fed one [`Case`] (pose) at a time: two references of many rays and
 //! different seeds, and what each candidate predicts. It keeps sums, so its memory does not grow

@@ -54,7 +54,8 @@ pub struct Shape {
 impl Shape {
     /// How many numbers `mean`, `linear` and `pca-linear` store for these sizes; times 4, 2 or 1
     /// bytes it is the size of the model's tensors. For `pca-linear` v·d_out + c·(d_in+1)·d_out +
-    /// a·d_in, MATH.md §5. The other families have more sizes: [`super::Model::numbers`].
+    /// a·d_in (Nowrouzezahrai et al. 2007, §5). The other families have more sizes:
+    /// [`super::Model::numbers`].
     #[must_use]
     pub fn numbers(&self, family: Family) -> Option<u64> {
         let [v, c, a, d_in, d_out] =

@@ -1,5 +1,5 @@
 //! Light folding: contract the model with a light once, then every frame costs one number per
-//! point and colour instead of n² (MATH.md §5).
+//! point and colour instead of n².
 
 use glam::Quat;
 

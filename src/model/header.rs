@@ -46,7 +46,7 @@ macro_rules! named {
 }
 
 named! {
-    /// The form of the map from pose to signal, MATH.md §5.
+    /// The form of the map from pose to signal.
     Family {
         /// The mean over the training poses.
         Mean = "mean",
@@ -91,7 +91,7 @@ impl Signal {
 }
 
 named! {
-    /// The axes in which a model's coefficients are given, MATH.md §1.
+    /// The axes in which a model's coefficients are given.
     Frame {
         /// The character's root frame.
         Root = "root",
@@ -229,7 +229,7 @@ pub struct Provenance {
 }
 
 impl Header {
-    /// What every number in this version means; MATH.md §1.
+    /// What every number in this version means.
     #[must_use]
     pub fn conventions() -> BTreeMap<String, String> {
         [

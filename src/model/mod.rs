@@ -1,7 +1,7 @@
 //! Rank 3. The fitted model: encoder, linear decoder, evaluation, light folding, blob.
 //!
 //! Every model is y(x)\[v, c\] = Σ_k D\[v, c, k\] φ_k(x): few features φ of the pose, and a large
-//! linear decoder D (MATH.md §5). [`Decoder`] is D as a fit hands it over, [`Model`] the checked
+//! linear decoder D. [`Decoder`] is D as a fit hands it over, [`Model`] the checked
 //! whole in the layout that evaluates fastest, the blob its form on disk (`proto/model.md`).
 //!
 //! *Invariant:* nothing here knows how a model was fitted.

@@ -83,7 +83,7 @@ pub struct ColumnHeader {
     pub source: SourceHeader,
 }
 
-/// What a pose parameter is computed from; MATH.md §4.
+/// What a pose parameter is computed from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum SourceHeader {

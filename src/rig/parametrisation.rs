@@ -1,4 +1,4 @@
-//! Pose parameters: how a pose becomes numbers (MATH.md §4).
+//! Pose parameters: how a pose becomes numbers.
 
 use glam::{Affine3A, Quat, Vec3};
 

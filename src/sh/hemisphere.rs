@@ -25,7 +25,7 @@ pub fn hemisphere_gram_pole(order: Order) -> Vec<f64> {
     gram
 }
 
-/// G(n)_ij = ∫_{n·ω ≥ 0} y_i y_j dω, an n² × n² symmetric matrix in row order; MATH.md §7.
+/// G(n)_ij = ∫_{n·ω ≥ 0} y_i y_j dω, an n² × n² symmetric matrix in row order.
 ///
 /// G(n) = D G(+Z) Dᵀ with D the rotation that takes +Z to `normal`.
 ///

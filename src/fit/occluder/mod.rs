@@ -1,4 +1,4 @@
-//! Family `occluder`: what groups of spheres on the bones block at every point (MATH.md §5).
+//! Family `occluder`: what groups of spheres on the bones block at every point.
 //!
 //! Spheres are cut from the rest mesh ([`spheres`]), grouped by the skeleton ([`groups`]), and
 //! weighted at every point by a ridge that shrinks towards weights which all points share. What

@@ -1,4 +1,4 @@
-//! Sizes and times, beside the published ones of MATH.md §10.
+//! Sizes and times, beside published ones.
 
 use super::input::ReportInput;
 use super::spectrum;

@@ -7,7 +7,7 @@ mod write;
 
 use super::{Error, Model, Occluders, Precision};
 
-/// Bytes of a blob's parts. `decoder` is what MATH.md §5's formula counts; the rest stands beside.
+/// Bytes of a blob's parts. `decoder` is what published sizes count; the rest stands beside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sizes {
     /// The model's own tensors: means, weights, projection, coefficients, basis.

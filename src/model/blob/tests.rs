@@ -69,8 +69,9 @@ fn blobs_round_trip() {
     }
 }
 
-/// The tensors take exactly the bytes of the formula of MATH.md §5 at f32, half at f16, a quarter
-/// at i8 (scales beside), and `sizes` tells the truth about the file.
+/// The tensors take exactly the bytes of the published sizes' formula (Nowrouzezahrai et al. 2007,
+/// §5) at f32, half at f16, a quarter at i8 (scales beside), and `sizes` tells the truth about the
+/// file.
 #[test]
 fn tensors_take_the_stated_bytes() {
     for model in synthetic::all() {

@@ -1,6 +1,6 @@
 //! Occluders: spheres that the mesh carries along, and what groups of them block at each point.
 //!
-//! The point features of the family `occluder` (MATH.md §5). A sphere q has anchors, a few points
+//! The point features of the family `occluder`. A sphere q has anchors, a few points
 //! of the mesh whose mean the pose carries, an offset o_q that turns with the anchors' bone, and a
 //! radius r_q: its centre is mean(anchors) + Q·o_q. Which group a sphere counts for depends on the
 //! bone of the point that it is seen from, so that a point's own limb is a group of its own.
