@@ -51,6 +51,7 @@ fuzz: setup
 	@for target in importer blob recipe dataset; do tests/fuzz/run $$target -runs=$(FUZZ_RUNS) || exit 1; done
 
 test: setup $(VENV)/ready
+	@.ci/setup test
 	$(CARGO) fmt --check
 	$(CARGO) update --workspace --locked --quiet --manifest-path tests/fuzz/Cargo.toml
 	$(CARGO) clippy --locked --all-targets -- -D warnings
