@@ -19,7 +19,15 @@ const BINS: usize = 81;
 /// The part of the residuals that the histogram covers.
 const COVERED: f64 = 0.99;
 
-pub(super) fn finish(measurement: &Measurement) -> Measured {
+impl Measurement {
+    /// The figures over everything added. Splits without poses are absent.
+    #[must_use]
+    pub fn finish(self) -> Measured {
+        figures(&self)
+    }
+}
+
+fn figures(measurement: &Measurement) -> Measured {
     let settings = &measurement.settings;
     let headline = TELLING.into_iter().find(|s| measurement.groups.contains_key(s));
     let lights = match settings.signal {

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::probes::Probes;
 use super::rows::{self, Coefficients, Rows, Track};
 use super::tally::Tally;
-use super::{Case, Error, Kind, Measured, Settings, Split, finish};
+use super::{Case, Error, Kind, Settings, Split};
 
 /// Consecutive frames are at most this many frames apart.
 const CONSECUTIVE: f32 = 1.5;
@@ -128,12 +128,6 @@ impl Measurement {
     #[must_use]
     pub fn poses(&self) -> usize {
         self.groups.values().map(|g| g.moments.len()).sum()
-    }
-
-    /// The figures over everything added. Splits without poses are absent.
-    #[must_use]
-    pub fn finish(self) -> Measured {
-        finish::finish(&self)
     }
 
     /// The index of a clip's name, new ones at the end.
