@@ -20,21 +20,19 @@ fn main() {
         return;
     }
     let root = PathBuf::from(env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default());
-    let Some(folder) = find(&root) else {
-        println!(
-            "cargo::error=Embree 4 was not found; run `make setup` in the repository (or set \
-             POSELIGHT_EMBREE_DIR to a folder that holds {SONAME})."
-        );
+    let named = env::var_os("POSELIGHT_EMBREE_DIR").map(PathBuf::from);
+    let Some(folder) = find(&root, named.as_deref()) else {
+        println!("cargo::error={}", not_found(named.as_deref()));
         return;
     };
     watch(&folder);
     link(&folder);
 }
 
-fn find(root: &Path) -> Option<PathBuf> {
-    if let Some(named) = env::var_os("POSELIGHT_EMBREE_DIR") {
-        let named = PathBuf::from(named);
-        return [named.clone(), named.join("lib")].into_iter().find(|dir| holds_embree(dir));
+/// The folder that holds Embree: the one that is named, else where set-up and systems put it.
+pub(crate) fn find(root: &Path, named: Option<&Path>) -> Option<PathBuf> {
+    if let Some(named) = named {
+        return [named.to_path_buf(), named.join("lib")].into_iter().find(|dir| holds_embree(dir));
     }
     let multiarch = format!("/usr/lib/{}-linux-gnu", env::consts::ARCH);
     [root.join(".embree/lib"), multiarch.into(), "/usr/local/lib".into(), "/usr/lib64".into()]
@@ -44,6 +42,21 @@ fn find(root: &Path) -> Option<PathBuf> {
 
 fn holds_embree(dir: &Path) -> bool {
     dir.join(SONAME).exists() || dir.join(LINK_NAME).exists()
+}
+
+/// The one sentence of a machine without Embree.
+pub(crate) fn not_found(named: Option<&Path>) -> String {
+    match named {
+        None => format!(
+            "Embree 4 was not found; run `make setup` in the repository (or set POSELIGHT_EMBREE_DIR \
+             to a folder that holds {SONAME})."
+        ),
+        Some(named) => format!(
+            "Embree 4 was not found: POSELIGHT_EMBREE_DIR names {}, which holds no {SONAME}; name \
+             another folder, or unset it and run `make setup` in the repository.",
+            named.display()
+        ),
+    }
 }
 
 /// Has cargo look again when the library that was found changes or goes. A path that does not exist

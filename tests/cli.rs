@@ -52,9 +52,72 @@ impl Studio {
     }
 }
 
+impl Studio {
+    /// The message of a command on a disk that takes 4 KiB of each file and no more.
+    fn fail_full(&self, words: &[&str]) -> String {
+        let mut command = Command::new("sh");
+        let script = "trap '' XFSZ; ulimit -f 8; exec \"$@\"";
+        command.args(["-c", script, "sh", env!("CARGO_BIN_EXE_poselight")]).args(words);
+        let output = command.current_dir(self.folder.path()).output().expect("started");
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{words:?}: {message}");
+        assert!(message.contains("File too large"), "{words:?}: {message}");
+        message
+    }
+}
+
+/// A disk that fills up while a result is written: the file that was there stands, no part of the new
+/// one stays, and the sentence names the file.
+#[test]
+fn a_full_disk_leaves_what_was_there() {
+    let studio = Studio::new();
+    let before = tree(&studio.path(""));
+    let message = studio.fail_full(&["sample", "figure", "-o", "figure.glb"]);
+    assert!(message.contains("could not write figure.glb"), "{message}");
+    studio.fail_full(&["sample", "figure", "-o", "new.glb"]);
+    assert!(tree(&studio.path("")) == before, "something was left behind");
+}
+
+/// A folder that cannot be written is named, whoever asks: `/proc` takes no files from root either.
+/// A folder without write permission stops all others.
+#[test]
+fn a_read_only_folder_is_named() {
+    use std::io::Write;
+    use std::os::unix::fs::PermissionsExt;
+    let studio = Studio::new();
+    let closed = studio.path("closed");
+    fs::create_dir(&closed).expect("made");
+    fs::set_permissions(&closed, fs::Permissions::from_mode(0o555)).expect("closed");
+    let free = fs::write(closed.join("try"), b"").is_ok();
+    if free {
+        // Not by `eprintln!`, which the test harness keeps to itself while tests pass.
+        let lack =
+            "a_read_only_folder_is_named: permissions do not bind this user; /proc alone is tried";
+        let _ = writeln!(std::io::stderr(), "{lack}");
+    }
+    let closed = (!free).then_some("closed");
+    for folder in ["/proc"].into_iter().chain(closed) {
+        let place = |name: &str| format!("{folder}/{name}");
+        for words in [
+            ["sample", "figure", "-o", &place("new.glb")].to_vec(),
+            bake(&place("d.zarr"), &[]),
+            ["run", "cube.obj", "-o", &place("out"), "--rays", "16"].to_vec(),
+        ] {
+            fs::write(studio.path("cube.obj"), CUBE).expect("written");
+            let (status, message) = studio.fail(&words);
+            assert_eq!(status, 1, "{words:?}: {message}");
+            assert!(message.contains(folder) && !message.contains("panicked"), "{message}");
+        }
+    }
+}
+
 fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
+
+/// A scene that does not move.
+const CUBE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 0 0 1\nv 1 0 1\nv 0 1 1\nv 1 1 1\n\
+        f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6\n";
 
 /// Flags of a bake that is quick but has several blocks.
 const SMALL: [&str; 6] = ["--fps", "8", "--rays", "8", "--near-repeat", "0"];
@@ -160,8 +223,9 @@ fn an_interrupted_bake_says_how_to_go_on() {
 fn bad_requests_are_named() {
     let studio = Studio::new();
     fs::write(studio.path("noise.glb"), b"this is no scene").expect("written");
+    fs::write(studio.path("noise.png"), b"\x89PNG").expect("written");
     fs::write(studio.path("bad.json"), br#"{"version": 1, "bake": {"rayz": 5}}"#).expect("written");
-    let cases: [(&[&str], i32, &str); 11] = [
+    let cases: [(&[&str], i32, &str); 16] = [
         (&["bake", "figure.glb", "-o", "d", "--order", "11"], 2, "bake.order"),
         (&["bake", "figure.glb", "-o", "d", "--order", "0"], 2, "bake.order"),
         (&["bake", "figure.glb", "-o", "d", "--rays", "0"], 2, "bake.rays"),
@@ -181,6 +245,11 @@ fn bad_requests_are_named() {
         (&["bake", "figure.glb", "-o", "d", "--recipe", "bad.json"], 2, "rayz"),
         (&["fit", "figure.glb", "-o", "m"], 1, "figure.glb"),
         (&["bake", "figure.glb"], 2, "--output"),
+        (&["bake", "figure.glb", "-o", "d", "--signal", "ao", "--order", "9"], 2, "bake.order"),
+        (&["bake", "figure.glb", "-o", "d", "--dry-run", "--from", "e"], 2, "--from"),
+        (&["run", "figure.glb", "-o", "d", "--alpha", "3"], 2, "fit.alpha"),
+        (&["run", "figure.glb", "-o", "d", "--family", "mean", "--inputs", "8"], 2, "fit.inputs"),
+        (&["bake", "noise.png", "-o", "d"], 1, "nor a vertex sequence (.npz)"),
     ];
     for (words, expected, evidence) in cases {
         let (status, message) = studio.fail(words);
@@ -199,6 +268,18 @@ fn foreign_and_damaged_data_sets_are_refused() {
     let (status, message) = studio.fail(&bake("d.zarr", &["--signal", "ao", "--seed", "2"]));
     assert_eq!(status, 1);
     assert!(message.contains("another recipe"), "{message}");
+    for (flags, evidence) in [
+        (&["--max-bytes", "1", "--inputs", "4"][..], "--inputs changes nothing"),
+        (&["--reference-poses", "4"], "poselight measure"),
+        (&["--family", "linear", "--spheres", "4"], "fit.spheres"),
+    ] {
+        let (status, message) =
+            studio.fail(&[&["fit", "d.zarr", "-o", "m.safetensors"], flags].concat());
+        assert_eq!(status, 2, "{message}");
+        assert!(message.contains(evidence), "{flags:?}: {message}");
+    }
+    let message = studio.fail_full(&["fit", "d.zarr", "-o", "m.safetensors"]);
+    assert!(message.contains("m.safetensors") && !studio.path("m.safetensors").exists());
     let chunks = tree(&studio.path("d.zarr"));
     let chunk = chunks.keys().find(|name| name.starts_with("coefficients/c.")).expect("a chunk");
     fs::write(studio.path("d.zarr").join(chunk), b"short").expect("damaged");
@@ -228,6 +309,9 @@ fn a_run_is_kept_and_judged() {
     }
     studio.succeed(&words);
     assert!(before == tree(&studio.path("out")), "a second run changed something");
+
+    let (_, message) = studio.fail(&["inspect", "out"]);
+    assert!(message.contains("inspect out/dataset.zarr or out/model.safetensors"), "{message}");
 
     let missed = studio.run(&[&words[..], &["--max-error", "1e-9"]].concat());
     assert_eq!(missed.status.code(), Some(3), "{}", text(&missed.stderr));
@@ -263,9 +347,7 @@ fn lies_are_refused(studio: &Studio, blob: &[u8]) {
 #[test]
 fn a_static_scene_is_its_mean() {
     let studio = Studio::new();
-    let cube = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 0 0 1\nv 1 0 1\nv 0 1 1\nv 1 1 1\n\
-        f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6\n";
-    fs::write(studio.path("cube.obj"), cube).expect("written");
+    fs::write(studio.path("cube.obj"), CUBE).expect("written");
     let words = ["run", "cube.obj", "-o", "out", "--rays", "16", "--json"];
     let output = studio.succeed(&words);
     let json: Value = serde_json::from_slice(&output.stdout).expect("one JSON object");

@@ -28,6 +28,24 @@ fn job(server: &Server, recipe: &Value) -> Value {
     json!({ "kind": "run", "assets": { "figure.glb": server.figure() }, "recipe": recipe })
 }
 
+/// The service's plan has the fields that the contract lists and that the command line prints.
+fn same_plan(server: &Server, plan: &Value) {
+    let keys = |value: &Value| -> Vec<String> {
+        value.as_object().expect("an object").keys().cloned().collect()
+    };
+    let contract = server.get("/openapi.json", &[]).json();
+    assert_eq!(keys(&contract["components"]["schemas"]["Plan"]["properties"]), keys(plan));
+    let words =
+        ["run", "figure.glb", "-o", "none", "--recipe", "recipe.json", "--dry-run", "--json"];
+    let printed = server.command(&words);
+    let printed: Value = serde_json::from_slice(&printed.stdout).expect("one JSON object");
+    assert_eq!(keys(&printed), keys(plan));
+    for same in ["poses", "points", "rays", "reference_rays", "hashes", "notices"] {
+        assert_eq!(printed[same], plan[same], "{same}");
+    }
+    assert!(!server.path("none").exists(), "a dry run writes nothing");
+}
+
 /// Upload, job, events and download give, byte for byte, what the command line makes; the same job
 /// again is done at once; the blob has a tag and ranges; the model evaluates by all three ways.
 #[test]
@@ -43,6 +61,7 @@ fn a_job_makes_what_the_command_line_makes() {
     let plan = server.post("/v1/jobs?dry_run=true", &job(&server, &recipe), &[]);
     assert_eq!(plan.status, 200, "{}", plan.text());
     assert!(plan.json()["rays"].as_u64().is_some_and(|rays| rays > 0), "{}", plan.text());
+    same_plan(&server, &plan.json());
 
     let key = [("Idempotency-Key", "once")];
     let accepted = server.post("/v1/jobs", &job(&server, &recipe), &key);

@@ -161,6 +161,12 @@ impl Baker {
         self.plan.rays()
     }
 
+    /// How many poses are worked on together; calls of so many, or of a multiple, waste nothing.
+    #[must_use]
+    pub fn wave(&self) -> usize {
+        self.poses_per_wave(rayon::current_num_threads())
+    }
+
     /// Bakes poses with all threads of the current rayon pool. What a pose gets does not depend on
     /// the others, nor on the number of threads.
     ///
@@ -172,7 +178,7 @@ impl Baker {
         poses: &[PosedMesh<'_>],
         cancelled: &AtomicBool,
     ) -> Result<Vec<BakedPose>, Error> {
-        let wave = self.poses_per_wave(rayon::current_num_threads());
+        let wave = self.wave();
         let mut baked = Vec::with_capacity(poses.len());
         for (index, wave_poses) in poses.chunks(wave).enumerate() {
             let posed = self.prepare(wave_poses, index * wave, cancelled)?;

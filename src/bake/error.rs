@@ -152,3 +152,16 @@ pub enum Error {
     #[error("the bake was cancelled")]
     Cancelled,
 }
+
+impl Error {
+    /// The same with the caller's own number of the pose in place of its index.
+    #[must_use]
+    pub fn numbered(mut self, number: impl Fn(usize) -> usize) -> Self {
+        if let Self::Shape { pose, .. } | Self::NotFinite { pose, .. } | Self::Trace { pose, .. } =
+            &mut self
+        {
+            *pose = number(*pose);
+        }
+        self
+    }
+}

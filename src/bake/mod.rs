@@ -30,6 +30,7 @@ pub use adaptive::gain;
 pub use baker::{Baker, Calibration};
 pub use bounce::{MOST_BOUNCES, Reflectance};
 pub use error::Error;
+pub use plan::rays_cast;
 pub use surroundings::{NO_POINT, Surroundings, View};
 
 pub use crate::model::Signal;

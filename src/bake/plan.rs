@@ -17,6 +17,25 @@ const SETS: usize = 64;
 /// The most rays in half a set, which bounds the tables; points with more rays get several sets.
 const LONGEST_HALF: usize = 1024;
 
+/// How many rays each point gets where so many are asked for: two equal halves, and above 2,048 equal
+/// blocks of two.
+///
+/// ```
+/// # use poselight::bake::rays_cast;
+/// assert_eq!([1, 17, 500, 2049].map(rays_cast), [2, 18, 500, 2052]);
+/// ```
+#[must_use]
+pub fn rays_cast(asked: u32) -> u32 {
+    let (blocks, half) = halves(asked);
+    (2 * blocks * half) as u32
+}
+
+/// Blocks, and rays in half of each.
+fn halves(rays: u32) -> (usize, usize) {
+    let blocks = (rays as usize).div_ceil(2 * LONGEST_HALF);
+    (blocks, (rays as usize).div_ceil((2 * blocks).max(1)))
+}
+
 /// Tells the seed of the tables from the seeds of points.
 const TABLE_KEY: u64 = 0x7461_626c_6573;
 
@@ -53,8 +72,7 @@ impl Plan {
         {
             return Err(Error::MaxDistance { found });
         }
-        let blocks = (rays as usize).div_ceil(2 * LONGEST_HALF);
-        let half = (rays as usize).div_ceil(2 * blocks);
+        let (blocks, half) = halves(rays);
         let density = match signal {
             Signal::Ao | Signal::Transfer => Density::Cosine,
             Signal::Visibility => Density::Uniform,

@@ -206,7 +206,7 @@ pub(crate) struct BakeArgs {
     #[arg(long, value_name = "DATASET")]
     pub(crate) from: Option<PathBuf>,
     /// Print rays, bytes, memory and time, and bake nothing.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "from")]
     pub(crate) dry_run: bool,
     #[command(flatten)]
     pub(crate) recipe: RecipeArgs,
@@ -244,7 +244,7 @@ pub(crate) struct EvaluateArgs {
     #[arg(long, value_name = "NAME", requires = "scene")]
     pub(crate) clip: Option<String>,
     /// Poses per second of clip.
-    #[arg(long, value_name = "HZ", default_value_t = 30.0)]
+    #[arg(long, value_name = "HZ", default_value_t = 30.0, conflicts_with = "parameters")]
     pub(crate) fps: f32,
     /// Fold a light: an array of f32 coefficients, [n²] or [n², 3], in the root frame.
     #[arg(long, value_name = "LIGHT.npy")]
@@ -281,6 +281,9 @@ pub(crate) struct RunArgs {
     /// The folder for data set, model, figures and report.
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: PathBuf,
+    /// Print rays, bytes, memory and time, references included, and do nothing.
+    #[arg(long)]
+    pub(crate) dry_run: bool,
     #[command(flatten)]
     pub(crate) recipe: RecipeArgs,
     #[command(flatten)]
@@ -361,6 +364,17 @@ impl BakeFlags {
 }
 
 impl MeasureFlags {
+    /// Whether a largest error is stated.
+    pub(crate) fn states_target(&self) -> bool {
+        self.max_error.is_some()
+    }
+
+    /// A flag that says how references are baked.
+    pub(crate) fn reference_flag(&self) -> Option<&'static str> {
+        let factor = self.reference_factor.map(|_| "--reference-factor");
+        factor.or(self.reference_poses.map(|_| "--reference-poses"))
+    }
+
     /// Edits the recipe's target.
     pub(crate) fn edit(&self, recipe: &mut Recipe) {
         let target = &mut recipe.target;

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use super::args::{MeasureFlags, ParametrisationArg, names, set};
+use crate::pipeline::forget_other_sizes;
 use crate::pipeline::recipe::{FamilyName, FrameName, OnName, PrecisionName, Recipe, RidgeName};
 
 #[derive(Debug, Args)]
@@ -132,6 +133,25 @@ pub(crate) struct FitCommandArgs {
 }
 
 impl FitCommandArgs {
+    /// Whether a target is stated on the command line.
+    pub(crate) fn states_target(&self) -> bool {
+        self.measure.states_target()
+            || self.max_bytes.is_some()
+            || self.max_us.is_some()
+            || self.max_fit_s.is_some()
+    }
+
+    /// A flag that says what a target would choose.
+    pub(crate) fn chosen_flag(&self) -> Option<&'static str> {
+        let own = self.parametrisation.map(|_| "--parametrisation");
+        own.or_else(|| self.fit.chosen_flag())
+    }
+
+    /// A flag that says how a model is measured, where nothing is.
+    pub(crate) fn measures_in_vain(&self) -> Option<&'static str> {
+        self.measure.reference_flag()
+    }
+
     /// Whether only candidates of the family in the recipe are to be looked at.
     pub(crate) fn names_family(&self) -> bool {
         self.fit.family.is_some()
@@ -151,10 +171,37 @@ impl FitCommandArgs {
 }
 
 impl FitFlags {
+    /// A flag beside the family, of which a target would choose all.
+    fn chosen_flag(&self) -> Option<&'static str> {
+        let given = [
+            ("--inputs", self.inputs.is_some()),
+            ("--outputs", self.outputs.is_some()),
+            ("--retain-inputs", self.retain_inputs.is_some()),
+            ("--retain-outputs", self.retain_outputs.is_some()),
+            ("--clusters", self.clusters.is_some()),
+            ("--point-clusters", self.point_clusters.is_some()),
+            ("--point-threshold", self.point_threshold.is_some()),
+            ("--published", self.published),
+            ("--blend-exponent", self.blend_exponent.is_some()),
+            ("--unshadowed", self.unshadowed.is_some()),
+            ("--spheres", self.spheres.is_some()),
+            ("--neurons", self.neurons.is_some()),
+            ("--frame", self.frame.is_some()),
+            ("--ridge", self.ridge.is_some()),
+            ("--alpha", self.alpha.is_some()),
+            ("--on", self.on.is_some()),
+            ("--precision", self.precision.is_some()),
+        ];
+        given.into_iter().find(|flag| flag.1).map(|flag| flag.0)
+    }
+
     /// Edits the recipe's fit, target and precision.
     pub(crate) fn edit(&self, recipe: &mut Recipe) {
         let fit = &mut recipe.fit;
-        set(&mut fit.family, self.family);
+        if self.family.is_some() {
+            set(&mut fit.family, self.family);
+            forget_other_sizes(fit);
+        }
         fit.inputs = self.inputs.or(fit.inputs);
         fit.outputs = self.outputs.or(fit.outputs);
         fit.retain_inputs = self.retain_inputs.or(fit.retain_inputs);
@@ -168,7 +215,11 @@ impl FitFlags {
         fit.unshadowed = self.unshadowed.or(fit.unshadowed);
         fit.spheres = self.spheres.or(fit.spheres);
         set(&mut fit.frame, self.frame);
-        set(&mut fit.ridge, self.ridge);
+        if let Some(ridge) = self.ridge {
+            fit.ridge = ridge.into();
+            // Of another choice of the ridge; this one's comes below.
+            fit.alpha = None;
+        }
         if self.alpha.is_some() {
             fit.alpha = self.alpha;
         }

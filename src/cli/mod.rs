@@ -85,6 +85,7 @@ fn status(error: &anyhow::Error) -> u8 {
     let usage = error.chain().any(|cause| {
         cause.is::<RecipeError>()
             || cause.is::<commands::UnreadRecipe>()
+            || cause.is::<commands::Usage>()
             || matches!(cause.downcast_ref(), Some(pipeline::Error::Recipe(_)))
     });
     if usage { 2 } else { 1 }

@@ -38,6 +38,9 @@ pub enum Error {
         /// The first foreign entry by name.
         entry: String,
     },
+    /// The reader was told to stop.
+    #[error("reading was stopped")]
+    Stopped,
     /// Another process holds the lock.
     #[error("{path} is being written by another process; wait for it or stop it", path = path.display())]
     Locked {

@@ -1,6 +1,7 @@
 //! What a fit is allowed to see: the poses of split `training`, and nothing else.
 
 use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::Quat;
 
@@ -16,6 +17,7 @@ pub struct Training<'a> {
     /// Of each point the nodes that move it and their shares.
     skin: Option<Vec<Vec<(u32, f32)>>>,
     source: Source<'a>,
+    stop: Option<&'a AtomicBool>,
 }
 
 #[derive(Debug)]
@@ -64,14 +66,14 @@ impl Training<'static> {
         assert_eq!(parts.bone_rotations.len(), poses * parts.bones, "bone rotations");
         assert_eq!(parts.point_bones.len(), parts.points, "bones of points");
         assert_eq!(parts.values.len(), poses * parts.points * row, "values");
-        Self { parts, skin: None, source: Source::Memory }
+        Self { parts, skin: None, source: Source::Memory, stop: None }
     }
 }
 
 impl<'a> Training<'a> {
     /// The training poses `poses` of `dataset`; `parts.values` is empty.
     pub(super) fn stored(dataset: &'a Dataset, poses: Vec<usize>, parts: TrainingParts) -> Self {
-        Self { parts, skin: None, source: Source::Stored { dataset, poses } }
+        Self { parts, skin: None, source: Source::Stored { dataset, poses }, stop: None }
     }
 
     /// The same poses in other parameters, `[pose, parameter]`, not centred.
@@ -110,7 +112,14 @@ impl<'a> Training<'a> {
                 Source::Stored { dataset, poses: rows(&poses, keep, 1) }
             }
         };
-        Self { parts, skin: self.skin, source }
+        Self { parts, skin: self.skin, source, stop: self.stop }
+    }
+
+    /// The same until `stop` becomes true: then it reads no more.
+    #[must_use]
+    pub fn stopped_by(mut self, stop: &'a AtomicBool) -> Self {
+        self.stop = Some(stop);
+        self
     }
 
     /// With the skin weights of every point: pairs of a node and its share.
@@ -201,11 +210,15 @@ impl<'a> Training<'a> {
     /// `out` `[pose, point, channel, coefficient]`, root frame. Safe to call from many threads.
     ///
     /// # Errors
-    /// A chunk that cannot be read, is damaged, or holds a value that is not finite.
+    /// A chunk that cannot be read, is damaged, or holds a value that is not finite;
+    /// [`Error::Stopped`] after a stop.
     ///
     /// # Panics
     /// If the range leaves the mesh, or `out` has another length than the product of the sizes.
     pub fn read_points(&self, points: Range<usize>, out: &mut [f32]) -> Result<(), Error> {
+        if self.stop.is_some_and(|stop| stop.load(Ordering::Relaxed)) {
+            return Err(Error::Stopped);
+        }
         match &self.source {
             Source::Stored { dataset, poses } => dataset.read_points(poses, points, out),
             Source::Memory => {

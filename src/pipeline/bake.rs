@@ -58,7 +58,7 @@ pub fn bake_from(
     let layout = *writer.layout();
     let rounds = Rounds::new(job, earlier)?;
     let mut tally = Tally::new(&layout, &missing);
-    tally.tell(watch);
+    tally.tell(Inside::default(), watch);
 
     let (send, receive) = sync_channel::<(usize, Vec<BakedPose>)>(1);
     std::thread::scope(|scope| {
@@ -108,12 +108,18 @@ fn bake_blocks(
 ) -> Result<(), Error> {
     for &block in missing {
         let poses: Vec<usize> = layout.poses_of(block).collect();
-        let (baked, rays) = rounds.bake(job, &poses, watch).map_err(|error| tally.name(error))?;
-        tally.count(baked.len(), rays);
+        let mut inside = Inside::default();
+        let mut told = |poses, rays| {
+            inside = Inside { poses: inside.poses + poses, rays: inside.rays + rays };
+            tally.tell(inside, watch);
+        };
+        let baked =
+            rounds.bake(job, &poses, watch, &mut told).map_err(|error| tally.name(error))?;
+        tally.count(baked.len(), inside.rays);
         if committer.send((block, baked)).is_err() {
             return Ok(());
         }
-        tally.tell(watch);
+        tally.tell(Inside::default(), watch);
     }
     Ok(())
 }
@@ -134,13 +140,14 @@ impl Rounds {
         Ok(Self { bakers, earlier })
     }
 
-    /// Bakes what is lacking of some poses; says how many rays that took.
+    /// Bakes what is lacking of some poses; tells of poses and rays as they are done.
     fn bake(
         &self,
         job: &Job,
         poses: &[usize],
         watch: &Watch,
-    ) -> Result<(Vec<BakedPose>, u64), Error> {
+        tell: &mut dyn FnMut(usize, u64),
+    ) -> Result<Vec<BakedPose>, Error> {
         let found =
             |&pose: &usize| self.earlier.as_ref().and_then(|e| Some((e, e.find(job, pose)?)));
         let mut baked: Vec<Option<BakedPose>> = Vec::with_capacity(poses.len());
@@ -150,37 +157,60 @@ impl Rounds {
         }
         let there: Vec<bool> = baked.iter().map(Option::is_some).collect();
         let taken = self.earlier.as_ref().map_or(0, |earlier| earlier.rounds);
-        let mut rays = 0;
         for (round, baker) in self.bakers.iter().enumerate() {
             let lacks = |&at: &usize| !there[at] || round >= taken;
             let lacking: Vec<usize> = (0..poses.len()).filter(lacks).collect();
             let numbers: Vec<usize> = lacking.iter().map(|&at| poses[at]).collect();
-            for (at, new) in lacking.into_iter().zip(bake_poses(job, baker, &numbers, watch)?) {
-                rays += new.rays.iter().map(|&rays| u64::from(rays)).sum::<u64>();
+            let last = round + 1 == self.bakers.len();
+            let told = |poses, rays| tell(if last { poses } else { 0 }, rays);
+            let new = bake_poses(job, baker, &numbers, watch, told)?;
+            for (at, new) in lacking.into_iter().zip(new) {
                 match &mut baked[at] {
                     Some(pose) => earlier::merge(pose, &new),
                     empty => *empty = Some(new),
                 }
             }
         }
-        Ok((baked.into_iter().flatten().collect(), rays))
+        Ok(baked.into_iter().flatten().collect())
     }
 }
 
 /// Tells the seeds of rounds apart.
 const ROUND_KEY: u64 = 0x0072_6f75_6e64;
 
-/// Poses and bakes some of a job's poses.
+/// Poses and bakes some of a job's poses, as many at a time as the baker works on together; `tell`
+/// hears of each time's poses and rays.
 pub(super) fn bake_poses(
     job: &Job,
     baker: &Baker,
     poses: &[usize],
     watch: &Watch,
+    mut tell: impl FnMut(usize, u64),
 ) -> Result<Vec<BakedPose>, Error> {
-    let deformed: Vec<Deformed> = poses.par_iter().map(|&pose| job.traced(pose)).collect();
-    let meshes: Vec<PosedMesh> =
-        poses.iter().zip(&deformed).map(|(&pose, mesh)| posed(job, pose, mesh)).collect();
-    Ok(baker.bake(&meshes, watch.cancelled)?)
+    let mut baked = Vec::with_capacity(poses.len());
+    for wave in poses.chunks(baker.wave()) {
+        let deformed: Vec<Deformed> = wave.par_iter().map(|&pose| job.traced(pose)).collect();
+        let meshes: Vec<PosedMesh> =
+            wave.iter().zip(&deformed).map(|(&pose, mesh)| posed(job, pose, mesh)).collect();
+        let new = baker
+            .bake(&meshes, watch.cancelled)
+            .map_err(|error| error.numbered(|index| wave[index]))?;
+        tell(wave.len(), new.iter().map(rays_of).sum());
+        baked.extend(new);
+    }
+    Ok(baked)
+}
+
+/// Rays over all points of a pose.
+pub(super) fn rays_of(pose: &BakedPose) -> u64 {
+    pose.rays.iter().map(|&rays| u64::from(rays)).sum()
+}
+
+/// What is done of a block.
+#[derive(Clone, Copy, Default)]
+struct Inside {
+    poses: usize,
+    rays: u64,
 }
 
 /// Work done, for the caller's ear and the summary.
@@ -207,12 +237,12 @@ impl Tally {
         (self.there + self.baked.poses_now) as u64
     }
 
-    fn tell(&self, watch: &Watch) {
+    fn tell(&self, inside: Inside, watch: &Watch) {
         (watch.report)(Progress {
             stage: Stage::Bake,
-            done: self.done(),
+            done: self.done() + inside.poses as u64,
             total: self.baked.poses as u64,
-            rays: self.baked.rays,
+            rays: self.baked.rays + inside.rays,
             elapsed_s: self.start.elapsed().as_secs_f64(),
         });
     }

@@ -5,6 +5,17 @@ use std::path::PathBuf;
 use super::RecipeError;
 use crate::{bake, dataset, fit, measure, model, pose, scene};
 
+impl From<fit::Error> for Error {
+    fn from(error: fit::Error) -> Self {
+        match error {
+            fit::Error::Dataset(dataset::Error::Stopped) => {
+                Self::Stopped { when: "during the fit".to_owned() }
+            }
+            other => Self::Fit(other),
+        }
+    }
+}
+
 /// Every failure of a job. The stages' errors carry their own sentences.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -31,7 +42,7 @@ pub enum Error {
     Dataset(#[from] dataset::Error),
     /// Fitting.
     #[error(transparent)]
-    Fit(#[from] fit::Error),
+    Fit(fit::Error),
     /// The model or its blob.
     #[error(transparent)]
     Model(#[from] model::Error),
@@ -45,6 +56,12 @@ pub enum Error {
         done: u64,
         /// Poses in all.
         total: u64,
+    },
+    /// The caller asked to stop in a part of the work that leaves nothing to continue.
+    #[error("stopped {when}; what was baked is kept, and the same command does the rest anew")]
+    Stopped {
+        /// Such as `during the fit`.
+        when: String,
     },
     /// No candidate could be fitted to the data.
     #[error("none of the candidates has sizes that these data allow; bake more poses")]

@@ -7,6 +7,13 @@ use crate::pose;
 use crate::rig::{self, Deformed, Pose};
 use crate::scene::Scene;
 
+fn known_clips(known: &[String]) -> String {
+    match known {
+        [] => "it has none".to_owned(),
+        known => format!("it has {}", known.join(", ")),
+    }
+}
+
 /// Why a model cannot be evaluated as asked.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -15,12 +22,12 @@ pub enum EvaluateError {
     #[error(transparent)]
     Model(#[from] model::Error),
     /// No such clip.
-    #[error("the scene has no clip `{name}`; it has {known}")]
+    #[error("the scene has no clip `{name}`; {}", known_clips(.known))]
     Clip {
         /// What was asked for.
         name: String,
         /// What there is.
-        known: String,
+        known: Vec<String>,
     },
     /// The scene is not the model's.
     #[error("the scene has no node `{0}`, which the model's rig has")]
@@ -113,8 +120,8 @@ impl Query {
         times_s: impl IntoIterator<Item = f32>,
     ) -> Result<Vec<Self>, EvaluateError> {
         let clip = scene.clips.iter().find(|clip| clip.name == name).ok_or_else(|| {
-            let names: Vec<&str> = scene.clips.iter().map(|clip| clip.name.as_str()).collect();
-            EvaluateError::Clip { name: name.to_owned(), known: names.join(", ") }
+            let known = scene.clips.iter().map(|clip| clip.name.clone()).collect();
+            EvaluateError::Clip { name: name.to_owned(), known }
         })?;
         let rest = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
         let pose = |time_s| Self::from_pose(model, scene, &pose::evaluate(clip, time_s, &rest));
@@ -310,6 +317,14 @@ fn spread(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A scene without clips is said to have none, in a whole sentence.
+    #[test]
+    fn no_clips_are_a_sentence() {
+        let told = |known| EvaluateError::Clip { name: "a".to_owned(), known }.to_string();
+        assert_eq!(told(Vec::new()), "the scene has no clip `a`; it has none");
+        assert_eq!(told(vec!["b".into(), "c".into()]), "the scene has no clip `a`; it has b, c");
+    }
 
     /// One-channel transfer under a coloured light gives a colour each; a grey light lights every
     /// channel alike.

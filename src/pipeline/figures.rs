@@ -28,6 +28,9 @@ pub(super) struct Story<'a> {
 pub struct Figures {
     /// Hash of the fit that the figures belong to.
     pub fit_hash: String,
+    /// Hash of the bake that the model was fitted to.
+    #[serde(default)]
+    pub bake_hash: String,
     /// The model's sizes.
     pub model: ModelFigures,
     /// Wall times on the machine of the run.
@@ -71,11 +74,11 @@ pub struct ModelFigures {
 /// Wall times; absent where the work was done by an earlier run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Times {
-    /// Seconds of baking, where the whole bake was done by this run.
+    /// Seconds of baking, where one run did the whole bake.
     pub bake_s: Option<f64>,
-    /// Rays per second of this run's baking.
+    /// Rays per second of the baking of the last run that did any.
     pub rays_per_s: Option<f64>,
-    /// Seconds of baking references, where all of it was done by this run.
+    /// Seconds of baking references, where one run did all of it.
     pub reference_s: Option<f64>,
     /// Seconds of the fit.
     pub fit_s: f64,
@@ -97,6 +100,25 @@ pub struct Spectra {
     pub output: Vec<f64>,
     /// The sum of all squared singular values of the outputs.
     pub output_energy: f64,
+}
+
+impl Figures {
+    /// Takes over what an earlier run of the same bake has timed, where this one found it done.
+    pub(super) fn take_times(&mut self, earlier: &Self) {
+        if self.bake_hash.is_empty() || earlier.bake_hash != self.bake_hash {
+            return;
+        }
+        let (own, theirs) = (&mut self.times, &earlier.times);
+        if own.rays_per_s.is_none() {
+            (own.bake_s, own.rays_per_s) = (theirs.bake_s, theirs.rays_per_s);
+        }
+        let covered = |measured: &Measured| -> (Option<u32>, Vec<usize>) {
+            (measured.reference_rays, measured.splits.iter().map(|split| split.poses).collect())
+        };
+        if own.reference_s.is_none() && covered(&self.measured) == covered(&earlier.measured) {
+            own.reference_s = theirs.reference_s;
+        }
+    }
 }
 
 impl Times {

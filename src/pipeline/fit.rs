@@ -1,12 +1,13 @@
 //! From a data set to a model.
 
 use std::collections::BTreeMap;
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use serde_json::Value;
 
 use super::recipe::{DEFAULT_INPUTS, DEFAULT_OUTPUTS, Recipe};
-use super::{Checked, Error, Hashes, Job, encoding};
+use super::{Checked, Error, Hashes, Job, Progress, Stage, Watch, encoding};
 use crate::dataset::{Dataset, Training};
 use crate::fit::{self, FitReport, Fitted};
 use crate::model::{
@@ -34,6 +35,29 @@ pub fn fit(dataset: &Dataset, recipe: &Recipe) -> Result<FittedModel, Error> {
     fit_without(dataset, recipe, &[])
 }
 
+/// [`fit()`] that a caller watches and can stop.
+///
+/// # Errors
+/// [`Error::Stopped`] when the caller asked to stop; as [`fit()`].
+pub fn fit_watched(
+    dataset: &Dataset,
+    recipe: &Recipe,
+    watch: &Watch,
+) -> Result<FittedModel, Error> {
+    let start = Instant::now();
+    let tell = |done| {
+        let elapsed_s = start.elapsed().as_secs_f64();
+        (watch.report)(Progress { stage: Stage::Fit, done, total: 1, rays: 0, elapsed_s });
+    };
+    tell(0);
+    let fitted = fit_part(dataset, recipe, &[], None, Some(watch.cancelled))?;
+    if watch.is_cancelled() {
+        return Err(Error::Stopped { when: "after the fit".to_owned() });
+    }
+    tell(1);
+    Ok(fitted)
+}
+
 /// [`fit()`] without the training poses of some clips, by index: to try the recipe on them. The
 /// parametrisation is the data set's, for which those clips had a say in what varies.
 ///
@@ -44,11 +68,11 @@ pub fn fit_without(
     recipe: &Recipe,
     left_out: &[i32],
 ) -> Result<FittedModel, Error> {
-    fit_part(dataset, recipe, left_out, None)
+    fit_part(dataset, recipe, left_out, None, None)
 }
 
 /// [`fit_without`] some clips, or to some of the training poses only: `keep` are their indices,
-/// ascending, among the poses that are left.
+/// ascending, among the poses that are left. Ends soon after `stop` becomes true.
 ///
 /// # Errors
 /// As [`fit()`].
@@ -57,6 +81,7 @@ pub(super) fn fit_part(
     recipe: &Recipe,
     left_out: &[i32],
     keep: Option<&[usize]>,
+    stop: Option<&AtomicBool>,
 ) -> Result<FittedModel, Error> {
     let checked = Checked::new(recipe)?;
     let mut settings = checked.fit;
@@ -82,6 +107,10 @@ pub(super) fn fit_part(
     let mut geometry = job.as_ref().map(|job| geometry(job, left_out));
     let training = match keep {
         Some(keep) => training.only(keep),
+        None => training,
+    };
+    let training = match stop {
+        Some(stop) => training.stopped_by(stop),
         None => training,
     };
     if let (Some(keep), Some(geometry)) = (keep, &mut geometry) {

@@ -8,7 +8,7 @@ use glam::Vec3;
 use super::hash::{self, Hashes};
 use super::recipe::{DEFAULT_ALBEDO, Recipe};
 use super::surroundings::{self, Occluders};
-use super::{Checked, Error};
+use super::{Checked, Error, effective};
 use crate::bake::{self, Baker, Reflectance};
 use crate::model::Surface;
 use crate::pose::{self, PoseSet};
@@ -78,6 +78,7 @@ impl Job {
     pub fn open(path: &Path, recipe: Recipe) -> Result<Self, Error> {
         // The recipe first: a wrong number should not wait for a large file.
         Checked::new(&recipe)?;
+        effective(&recipe)?;
         let named = recipe.bake.surroundings.occluders.as_ref();
         let still = named.map(|occluders| import(Path::new(&occluders.file))).transpose()?;
         let scene = scene::import_content(path, &Limits::default(), content(&recipe))

@@ -111,3 +111,26 @@ fn what_is_measured_is_what_ships() {
     let exact = candidates.iter().find(|c| c.name == "f32").unwrap();
     assert!(exact.added.as_ref().unwrap().coefficient_rms > 0.0);
 }
+
+/// Another model from the same bake keeps what the bake and its references took: in the figures, and
+/// so on the page.
+#[test]
+fn another_model_keeps_the_times_of_the_bake() {
+    let folder = tempfile::tempdir().unwrap();
+    let stop = AtomicBool::new(false);
+    let watch = Watch { cancelled: &stop, report: &|_| () };
+    let mut recipe = job([0.5; 3], 0).recipe;
+    let first = run(&job([0.5; 3], 0), folder.path(), &watch).unwrap().figures;
+    recipe.output.precision = PrecisionName::F16;
+    let limits = Limits::default();
+    let scene = scene::import_sources_content(corner([0.5; 3]), &limits, content(&recipe)).unwrap();
+    let again = run(&Job::new(scene, None, recipe).unwrap(), folder.path(), &watch).unwrap();
+    assert!(again.made && again.baked.poses_now == 0);
+    let times = |figures: &crate::pipeline::Figures| {
+        (figures.times.bake_s, figures.times.rays_per_s, figures.times.reference_s)
+    };
+    assert!(first.times.bake_s.is_some() && first.times.reference_s.is_some());
+    assert_eq!(times(&again.figures), times(&first));
+    let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    assert!(page.contains("million rays/s"), "the tile of the bake is lost");
+}

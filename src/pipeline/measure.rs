@@ -86,7 +86,8 @@ fn stream(
     let mut bench = Bench::new(dataset, candidates);
     for index in 0..total {
         if watch.is_cancelled() {
-            return Err(Error::Cancelled { done: index as u64, total: total as u64 });
+            let when = format!("after {index} of {total} poses were measured");
+            return Err(Error::Stopped { when });
         }
         bench.load(dataset, reference, candidates, index)?;
         let values = bench.values.iter().map(Vec::as_slice);

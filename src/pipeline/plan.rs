@@ -1,6 +1,10 @@
 //! What a bake would cost, before a ray is cast in earnest.
 
-use super::{Error, Job, describe, subset};
+use serde_json::{Value, json};
+
+use super::reference::{rays_per_point, reference_rays};
+use super::{Error, Job, describe, notices, reference_notice, subset};
+use crate::bake;
 
 /// The cost of a bake.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -9,6 +13,8 @@ pub struct Plan {
     pub poses: usize,
     /// Merged vertices.
     pub points: usize,
+    /// Rays cast at each point and pose; with a target noise the most.
+    pub rays_per_point: u32,
     /// Rays over all points and poses.
     pub rays: u64,
     /// Bytes of the data set's arrays on disk.
@@ -24,6 +30,46 @@ pub struct Plan {
     pub reference_rays: u64,
     /// Wall time of baking them, seconds.
     pub reference_s: f64,
+    /// Bytes of the references on disk, over and above `disk_bytes`.
+    pub reference_bytes: u64,
+}
+
+impl Plan {
+    /// Every number under the name of its field.
+    #[must_use]
+    pub fn figures(&self) -> Value {
+        json!({
+            "poses": self.poses,
+            "points": self.points,
+            "rays_per_point": self.rays_per_point,
+            "rays": self.rays,
+            "disk_bytes": self.disk_bytes,
+            "memory_bytes": self.memory_bytes,
+            "rays_per_s": self.rays_per_s,
+            "bake_s": self.bake_s,
+            "reference_rays": self.reference_rays,
+            "reference_s": self.reference_s,
+            "reference_bytes": self.reference_bytes,
+        })
+    }
+
+    /// What the job's user should know beside the numbers.
+    #[must_use]
+    pub fn notices(&self, job: &Job) -> Vec<String> {
+        let short = reference_notice(&job.recipe.bake, job.checked.reference);
+        notices(job).into_iter().chain(short).collect()
+    }
+
+    /// The numbers with the job's notices and hashes: what the command line and the service answer.
+    #[must_use]
+    pub fn document(&self, job: &Job) -> Value {
+        let mut document = self.figures();
+        document["notices"] = json!(self.notices(job));
+        let hashes = &job.hashes;
+        document["hashes"] =
+            json!({ "scene": hashes.scene, "bake": hashes.bake, "fit": hashes.fit });
+        document
+    }
 }
 
 /// Blocks in memory at once: one baked, one queued, one written.
@@ -52,9 +98,17 @@ pub fn plan(job: &Job) -> Result<Plan, Error> {
     let scene_bytes: u64 = job.scene.sources.iter().map(|s| s.bytes.len() as u64).sum();
     let threads = rayon::current_num_threads();
     let prepare_s = calibration.prepare_s * layout.poses as f64 / threads as f64;
+    let reference_bakes = 2 * reference_poses(job) as u64;
+    let times = f64::from(reference_rays(&job.recipe.bake, job.checked.reference.factor))
+        / f64::from(bake::rays_cast(job.recipe.bake.rays));
+    let per_point = times * calibration.rays_per_point;
     let reference_rays =
-        (reference_poses(job) * layout.points as f64 * calibration.rays_per_point).round() as u64;
+        ((reference_bakes * layout.points as u64) as f64 * per_point).round() as u64;
+    let normals_bytes = layout.points as u64 * 12 * reference_bakes / 2;
     Ok(Plan {
+        rays_per_point: rays_per_point(&job.recipe.bake),
+        reference_bytes: reference_bakes * layout.points as u64 * (layout.row() as u64 + 1) * 4
+            + normals_bytes,
         reference_rays,
         reference_s: reference_rays as f64 / calibration.rays_per_s,
         poses: layout.poses,
@@ -81,14 +135,13 @@ fn sampled_bytes(job: &Job) -> u64 {
     (job.poses.samples.len() * sample + size_of_val(&*job.poses.parameters)) as u64
 }
 
-/// Poses that both references bake, in poses of this bake's rays.
-fn reference_poses(job: &Job) -> f64 {
+/// Poses that both references bake.
+fn reference_poses(job: &Job) -> usize {
     let samples = &job.poses.samples;
     let splits: Vec<u8> = samples.iter().map(|sample| sample.split as u8).collect();
     let clips: Vec<i32> = samples.iter().map(|sample| sample.clip as i32).collect();
     let settings = job.checked.reference;
-    let poses = subset::choose(&splits, &clips, settings.poses, job.recipe.bake.seed).len();
-    2.0 * poses as f64 * f64::from(settings.factor)
+    subset::choose(&splits, &clips, settings.poses, job.recipe.bake.seed).len()
 }
 
 #[cfg(test)]
@@ -119,6 +172,8 @@ mod tests {
         let per_pose = added / (many.poses - few.poses) as u64;
         assert!((500..8_000).contains(&per_pose), "{per_pose} bytes a pose");
         assert_eq!(few.reference_rays, 16 * few.rays, "all poses of so few are covered");
+        let per_pose = (few.points * (2 * (36 + 1) + 3) * 4) as u64;
+        assert_eq!(few.reference_bytes, few.poses as u64 * per_pose);
         assert!(many.reference_rays < 16 * many.rays);
     }
 }

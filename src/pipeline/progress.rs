@@ -65,3 +65,7 @@ impl Watch<'_> {
         self.cancelled.load(Ordering::Relaxed)
     }
 }
+
+#[cfg(test)]
+#[path = "progress_tests.rs"]
+mod tests;

@@ -3,9 +3,9 @@
 
 use std::time::Instant;
 
-use super::bake::bake_poses;
+use super::bake::{bake_poses, rays_of};
 use super::progress::{Progress, Stage, Watch};
-use super::recipe::Recipe;
+use super::recipe::{BakeRecipe, Recipe};
 use super::{Error, Job, ReferenceSettings, hash, job, recipe_of, subset, surroundings};
 use crate::bake::{self, Baker};
 use crate::dataset::{Dataset, Reference, ReferenceHeader, ReferencePose};
@@ -53,16 +53,15 @@ pub fn bake_reference(
         let bakers = [first?, second?];
         let total = 2 * poses as u64;
         let there = total - missing.len() as u64;
+        let tell = |done, rays| {
+            let elapsed_s = start.elapsed().as_secs_f64();
+            (watch.report)(Progress { stage: Stage::Reference, done, total, rays, elapsed_s });
+        };
+        tell(there, 0);
         for (done, &(seed, index)) in missing.iter().enumerate() {
             rays += bake_one(&job, &bakers[seed], &mut reference, (seed, index), watch)
                 .map_err(|error| named(error, there + done as u64, total))?;
-            (watch.report)(Progress {
-                stage: Stage::Reference,
-                done: there + done as u64 + 1,
-                total,
-                rays,
-                elapsed_s: start.elapsed().as_secs_f64(),
-            });
+            tell(there + done as u64 + 1, rays);
         }
     }
     let baked_now = missing.len() as u64;
@@ -98,7 +97,7 @@ pub(super) fn job_for(dataset: &Dataset, recipe: Recipe) -> Result<Job, Error> {
 
 fn header(dataset: &Dataset, settings: ReferenceSettings) -> Result<ReferenceHeader, Error> {
     let recipe = recipe_of(dataset)?;
-    let rays = recipe.bake.rays.saturating_mul(settings.factor).min(bake::MOST_RAYS);
+    let rays = reference_rays(&recipe.bake, settings.factor);
     let seed = recipe.bake.seed;
     // Seeds that no bake of this recipe uses.
     let seeds = [1, 2].map(|which| random::hash(&[seed, 0x7265_6665_7265_6e63, which]));
@@ -106,6 +105,19 @@ fn header(dataset: &Dataset, settings: ReferenceSettings) -> Result<ReferenceHea
     let bake = dataset.header().attributes.hashes.get("bake").cloned().unwrap_or_default();
     let hash = hash::reference(&bake, rays, seeds, &chosen);
     Ok(ReferenceHeader { poses: chosen, rays, seeds, hash })
+}
+
+/// Rays of each point and pose that a bake casts: what is asked for, rounded up to equal halves, over
+/// all rounds. With a target noise the most, with a fit of vertices those of each sample.
+#[must_use]
+pub fn rays_per_point(bake: &BakeRecipe) -> u32 {
+    let rounds = std::iter::once(&bake.rays).chain(&bake.more_rays);
+    rounds.fold(0, |sum, &rays| sum.saturating_add(bake::rays_cast(rays)))
+}
+
+/// Rays of each reference: so many times the bake's, but no more than a point can get.
+pub(super) fn reference_rays(bake: &BakeRecipe, factor: u32) -> u32 {
+    rays_per_point(bake).saturating_mul(factor).min(bake::MOST_RAYS)
 }
 
 /// Where the bake has a target noise, the reference's is what so many times the rays give.
@@ -123,7 +135,7 @@ fn bake_one(
     watch: &Watch,
 ) -> Result<u64, Error> {
     let pose = reference.header().poses[index];
-    let mut baked = bake_poses(job, baker, &[pose], watch)?;
+    let mut baked = bake_poses(job, baker, &[pose], watch, |_, _| ())?;
     let baked = baked.swap_remove(0);
     let Deformed { normals, .. } = job.deformed(pose);
     let normals: Vec<_> =
@@ -131,7 +143,7 @@ fn bake_one(
     let data =
         ReferencePose { coefficients: &baked.coefficients, noise: &baked.noise, normals: &normals };
     reference.commit(seed, index, &data)?;
-    Ok(baked.rays.iter().map(|&rays| u64::from(rays)).sum())
+    Ok(rays_of(&baked))
 }
 
 fn named(error: Error, done: u64, total: u64) -> Error {

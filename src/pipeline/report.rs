@@ -4,11 +4,13 @@ use crate::dataset::Dataset;
 use crate::fit::FitReport;
 use crate::measure::Split;
 use crate::measure::report::{
-    Character, ClipFacts, LeftOut, ModelFacts, Phase, ReportInput, RestMesh, Spectrum, Times, html,
+    Character, ClipFacts, LeftOut, ModelFacts, Phase, ReportInput, RestMesh, Spectrum, Target,
+    Times, html,
 };
 use crate::model::{Model, Precision};
 
-use super::{Figures, Job};
+use super::run::headline_rms;
+use super::{Figures, Job, ReferenceSettings, rays_per_point, reference_notice};
 
 /// The page of a measured model.
 #[must_use]
@@ -18,11 +20,13 @@ pub(super) fn page(
     model: &Model,
     figures: &Figures,
     report: &FitReport,
+    settings: ReferenceSettings,
 ) -> String {
     let recipe =
         serde_json::to_string_pretty(&model.header().provenance.recipe).unwrap_or_default();
     let kept = |count: usize| (count > 0).then_some(count);
     let mesh = dataset.mesh();
+    let short = reference_notice(&job.recipe.bake, settings);
     html(&ReportInput {
         title: &job.recipe.scene.file,
         made_by: concat!("poselight ", env!("CARGO_PKG_VERSION")),
@@ -40,14 +44,17 @@ pub(super) fn page(
             total: Some(figures.spectra.output_energy),
             kept: kept(figures.model.outputs),
         },
-        times: times(dataset, job, figures),
+        times: times(dataset, figures),
         rest: Some(RestMesh {
             positions: &mesh.positions,
             triangles: &mesh.triangles,
             point_of_vertex: &mesh.point_of_vertex,
         }),
         left_out: left_out(job),
-        warnings: report.notices.clone(),
+        target: settings
+            .max_error
+            .map(|most| Target { most: f64::from(most), reached: headline_rms(&figures.measured) }),
+        warnings: report.notices.iter().cloned().chain(short).collect(),
         recipe: &recipe,
         hashes: model.header().provenance.hashes.clone().into_iter().collect(),
     })
@@ -78,7 +85,7 @@ fn character(job: &Job) -> Character {
         size_m: job.poses.size_m,
         parameters: job.poses.parametrisation.columns.len(),
         training_poses: job.poses.samples.iter().filter(training).count(),
-        rays: job.checked.bake.rays,
+        rays: rays_per_point(&job.recipe.bake),
         clips: clips(job),
     }
 }
@@ -142,22 +149,43 @@ fn precisions(model: &Model, figures: &Figures) -> Vec<(String, u64)> {
         .collect()
 }
 
-fn times(dataset: &Dataset, job: &Job, figures: &Figures) -> Times {
+fn times(dataset: &Dataset, figures: &Figures) -> Times {
     let layout = &dataset.header().layout;
     let phases = figures.times.fit_phases_s.iter().filter(|(name, _)| *name != "total_s");
     Times {
         bake_s: figures.times.bake_s,
-        bake_rays: layout.poses as u64 * layout.points as u64 * u64::from(job.checked.bake.rays),
+        bake_rays_per_s: figures.times.rays_per_s,
+        bake_rays: (figures.times.rays_per_s.zip(figures.times.bake_s))
+            .map_or(0, |(rate, seconds)| (rate * seconds).round() as u64),
         bake_poses: layout.poses,
         reference_s: figures.times.reference_s,
         fit: phases
             .map(|(name, &seconds)| Phase {
-                name: name.trim_end_matches("_s").replace('_', " "),
+                name: phase(name),
                 seconds,
                 pca: name.contains("pca") || name.contains("svd"),
             })
             .collect(),
     }
+}
+
+/// A phase of a fit in words.
+fn phase(name: &str) -> String {
+    let words = match name {
+        "leave_out_s" => "choosing the ridge by what is left out",
+        "maps_s" => "maps of the clusters",
+        "occluders_s" => "spheres and the unshadowed part",
+        "output_pca_s" => "principal components of the outputs",
+        "pass_s" => "reading the data",
+        "point_clusters_s" => "clusters of points",
+        "pose_clusters_s" => "clusters of poses",
+        "pose_svd_s" => "decomposition of the poses",
+        "project_s" => "projection of the outputs",
+        "ridge_s" => "ridge",
+        "solve_s" => "solving for the outputs",
+        other => return other.trim_end_matches("_s").replace('_', " "),
+    };
+    words.to_owned()
 }
 
 fn left_out(job: &Job) -> LeftOut {

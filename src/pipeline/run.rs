@@ -7,14 +7,14 @@ use super::measure::belongs;
 use super::recipe::Recipe;
 use super::{
     Baked, Checked, Error, FittedModel, Job, ReferenceSettings, Watch, bake, bake_reference, files,
-    fit, job_of, measure, report, timing,
+    fit_watched, job_of, measure, report, timing,
 };
 use crate::dataset::Dataset;
 use crate::measure::{Measured, Split};
 use crate::model::Model;
 
 /// Name of the data set in the output folder.
-const DATASET: &str = "dataset.zarr";
+pub const DATASET: &str = "dataset.zarr";
 /// Name of the model's blob in the output folder.
 pub const MODEL: &str = "model.safetensors";
 /// Name of the figures in the output folder.
@@ -43,25 +43,29 @@ pub struct Outcome {
 /// Runs a job into a folder; what is there under the right hash is kept.
 ///
 /// # Errors
-/// [`Error::Cancelled`] when the caller asked to stop (the next run continues), and what the
-/// stages object to.
+/// [`Error::Cancelled`] and [`Error::Stopped`] when the caller asked to stop (the next run goes on
+/// from what is baked), and what the stages object to.
 pub fn run(job: &Job, folder: &Path, watch: &Watch) -> Result<Outcome, Error> {
     let settings = job.checked.reference;
     let baked = bake(job, &folder.join(DATASET), watch)?;
     let dataset = Dataset::open(&folder.join(DATASET))?;
-    if let Some(figures) = finished(job, folder) {
+    let earlier = earlier(folder);
+    if let Some(figures) = earlier.clone().filter(|figures| is_finished(figures, job, folder)) {
         let met = meets_target(&figures.measured, settings);
         return Ok(Outcome { baked, figures, met, made: false });
     }
     let referenced = bake_reference(&dataset, settings, watch)?;
-    let FittedModel { model: exact, report, fit_s } = fit(&dataset, &job.recipe)?;
+    let FittedModel { model: exact, report, fit_s } = fit_watched(&dataset, &job.recipe, watch)?;
     // What is measured is what ships: the model as its file gives it.
     let precision = job.checked.precision;
     let mut model = Model::from_bytes(&exact.to_bytes(precision)?)?;
     let story = Story { baked: Some(&baked), referenced: &referenced, report: &report, fit_s };
-    let figures = assess((&mut model, &exact), &dataset, &job.recipe, &story, watch)?;
+    let mut figures = assess((&mut model, &exact), &dataset, &job.recipe, &story, watch)?;
+    if let Some(earlier) = &earlier {
+        figures.take_times(earlier);
+    }
     let blob = model.to_bytes(precision)?;
-    let page = report::page(job, &dataset, &model, &figures, &report);
+    let page = report::page(job, &dataset, &model, &figures, &report, settings);
     files::publish(&folder.join(RECIPE), &json("the recipe", &job.recipe)?)?;
     files::publish(&folder.join(MODEL), &blob)?;
     files::publish(&folder.join(REPORT), page.as_bytes())?;
@@ -85,10 +89,10 @@ pub fn examine(
     belongs(model, dataset)?;
     let referenced = bake_reference(dataset, settings, watch)?;
     // The blob does not carry the spectra and the search for α; the same fit finds them again.
-    let FittedModel { model: exact, report, fit_s } = fit(dataset, recipe)?;
+    let FittedModel { model: exact, report, fit_s } = fit_watched(dataset, recipe, watch)?;
     let story = Story { baked: None, referenced: &referenced, report: &report, fit_s };
     let figures = assess((model, &exact), dataset, recipe, &story, watch)?;
-    let page = report::page(&job_of(dataset)?, dataset, model, &figures, &report);
+    let page = report::page(&job_of(dataset)?, dataset, model, &figures, &report, settings);
     Ok((figures, page))
 }
 
@@ -103,8 +107,11 @@ fn assess(
     let measured = measure((model, exact), dataset, recipe, watch)?;
     model.set_errors(super::figures::errors(&measured));
     let bytes = model.to_bytes(model.header().precision)?.len() as u64;
+    let hashes = &model.header().provenance.hashes;
+    let hash = |stage| hashes.get(stage).cloned().unwrap_or_default();
     Ok(Figures {
-        fit_hash: model.header().provenance.hashes.get("fit").cloned().unwrap_or_default(),
+        fit_hash: hash("fit"),
+        bake_hash: hash("bake"),
         model: ModelFigures::of(model, bytes, story.report),
         times: Times::new(story, &timing::evaluate(model, dataset)?),
         spectra: Spectra::of(story.report),
@@ -112,15 +119,19 @@ fn assess(
     })
 }
 
-/// The figures of an earlier run of the same job, if all its results are there.
-fn finished(job: &Job, folder: &Path) -> Option<Figures> {
+/// The figures of an earlier run into the folder.
+fn earlier(folder: &Path) -> Option<Figures> {
     let bytes = files::read(&folder.join(FIGURES), MOST_FIGURES_BYTES).ok()?;
-    let figures: Figures = serde_json::from_slice(&bytes).ok()?;
-    let model = files::read(&folder.join(MODEL), u64::MAX - 1).ok()?;
-    let model = Model::from_bytes(&model).ok()?;
-    let named = model.header().provenance.hashes.get("fit") == Some(&job.hashes.fit);
+    serde_json::from_slice(&bytes).ok()
+}
+
+/// Whether the earlier figures are of the same job, and all its results are there.
+fn is_finished(figures: &Figures, job: &Job, folder: &Path) -> bool {
+    let model = files::read(&folder.join(MODEL), u64::MAX - 1).ok();
+    let model = model.and_then(|bytes| Model::from_bytes(&bytes).ok());
+    let named = |model: Model| model.header().provenance.hashes.get("fit") == Some(&job.hashes.fit);
     let whole = folder.join(REPORT).is_file() && folder.join(RECIPE).is_file();
-    (named && whole && figures.fit_hash == job.hashes.fit).then_some(figures)
+    figures.fit_hash == job.hashes.fit && whole && model.is_some_and(named)
 }
 
 /// Whether the error on the motion that counts is within the target.
@@ -130,11 +141,16 @@ fn finished(job: &Job, folder: &Path) -> Option<Figures> {
 #[must_use]
 pub fn meets_target(measured: &Measured, settings: ReferenceSettings) -> bool {
     let Some(most) = settings.max_error else { return true };
+    headline_rms(measured).is_none_or(|rms| rms <= f64::from(most))
+}
+
+/// The model's coefficient RMSE over the split that counts; `None` where noise swallows it.
+pub(super) fn headline_rms(measured: &Measured) -> Option<f64> {
     let split = measured.headline.unwrap_or(Split::Training);
     let model = measured
         .split(split)
         .and_then(|split| split.candidates.iter().find(|c| c.name == measured.model));
-    model.and_then(|model| model.coefficients.rms).is_none_or(|rms| rms <= f64::from(most))
+    model.and_then(|model| model.coefficients.rms)
 }
 
 fn json(what: &str, value: &impl serde::Serialize) -> Result<Vec<u8>, Error> {

@@ -60,7 +60,7 @@ struct Entry<'a> {
 /// Chooses among candidates.
 ///
 /// # Errors
-/// [`Error::Cancelled`], [`Error::NothingToChoose`] where no candidate can be fitted; what the
+/// [`Error::Stopped`], [`Error::NothingToChoose`] where no candidate can be fitted; what the
 /// stages object to.
 pub fn search(
     dataset: &Dataset,
@@ -81,7 +81,8 @@ pub fn search(
     for (index, fold) in folds.iter().enumerate() {
         for entry in &mut entries {
             if watch.is_cancelled() {
-                return Err(Error::Cancelled { done, total });
+                let when = format!("after {done} of {total} trials");
+                return Err(Error::Stopped { when });
             }
             match entry.validate(&bench, fold) {
                 // Sizes that the data do not have leave the candidate without points.
@@ -150,7 +151,7 @@ impl Entry<'_> {
     /// Fits without a fold and adds the errors on it.
     fn validate(&mut self, bench: &Bench<'_>, fold: &[usize]) -> Result<(), Error> {
         let keep: Vec<usize> = (0..bench.poses.len()).filter(|pose| !fold.contains(pose)).collect();
-        let fitted = fit_part(bench.dataset, &self.candidate.recipe, &[], Some(&keep))?;
+        let fitted = fit_part(bench.dataset, &self.candidate.recipe, &[], Some(&keep), None)?;
         let time = self.points.first().map(|point| point.evaluate_us);
         let evaluate_us = match time {
             Some(time) => time,

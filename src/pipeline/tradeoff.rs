@@ -45,7 +45,7 @@ pub struct Tradeoff {
 /// Measures candidates against the references of a data set, which must be there.
 ///
 /// # Errors
-/// [`Error::Cancelled`]; what the stages object to, but sizes that the data do not have.
+/// [`Error::Stopped`]; what the stages object to, but sizes that the data do not have.
 pub fn tradeoff(
     dataset: &Dataset,
     candidates: &[CandidateRecipe],
@@ -69,7 +69,8 @@ pub fn tradeoff(
     let start = Instant::now();
     for (done, candidate) in candidates.iter().enumerate() {
         if watch.is_cancelled() {
-            return Err(Error::Cancelled { done: done as u64, total: candidates.len() as u64 });
+            let when = format!("after {done} of {} candidates", candidates.len());
+            return Err(Error::Stopped { when });
         }
         match fit(dataset, &candidate.recipe) {
             Ok(fitted) => this.add(dataset, candidate, &fitted, &mut batch)?,

@@ -1,5 +1,7 @@
 //! Counting of what a file asks for, and of what was mended.
 
+use std::collections::BTreeSet;
+
 use super::{Error, Limits};
 
 /// What is counted against a limit.
@@ -68,6 +70,8 @@ impl<'a> Budget<'a> {
 pub(super) struct Notices {
     kept: Vec<String>,
     more: usize,
+    /// What was found at several places: what, the first of them, all of them.
+    alike: Vec<(&'static str, String, BTreeSet<String>)>,
 }
 
 /// More than this many notices help nobody.
@@ -82,7 +86,27 @@ impl Notices {
         }
     }
 
+    /// Something that many places of one file have in common, to be told once.
+    pub(super) fn add_alike(&mut self, what: &'static str, place: &str) {
+        match self.alike.iter_mut().find(|alike| alike.0 == what) {
+            Some((.., places)) => {
+                places.insert(place.to_owned());
+            }
+            None => {
+                self.alike.push((what, place.to_owned(), BTreeSet::from([place.to_owned()])));
+            }
+        }
+    }
+
     pub(super) fn finish(mut self) -> Vec<String> {
+        for (what, first, places) in std::mem::take(&mut self.alike) {
+            let more = match places.len() {
+                1 => String::new(),
+                2 => " and another".to_owned(),
+                n => format!(" and {} others", n - 1),
+            };
+            self.add(format!("{first}{more}: {what}"));
+        }
         if self.more > 0 {
             self.kept.push(format!("{} more notices of this kind", self.more));
         }
@@ -103,6 +127,17 @@ mod tests {
         let refusal = budget.take(Quantity::Vertices, u64::MAX, "there").unwrap_err().to_string();
         assert!(refusal.contains("`vertices` is 10"), "{refusal}");
         assert!(budget.take(Quantity::Vertices, 1, "there").is_err());
+    }
+
+    /// What many places have in common is told once, with the first of them and their number.
+    #[test]
+    fn what_is_alike_is_told_once() {
+        let mut notices = Notices::default();
+        for place in ["b", "a", "b", "c"] {
+            notices.add_alike("broken", place);
+        }
+        notices.add_alike("odd", "a");
+        assert_eq!(notices.finish(), ["b and 2 others: broken", "a: odd"]);
     }
 
     /// Notices beyond the bound are counted, not kept.

@@ -17,13 +17,13 @@ pub enum Error {
         source: std::io::Error,
     },
     /// Something else than a file, such as a folder or a pipe.
-    #[error("{path} is not a regular file; name a .glb, .gltf or .obj file")]
+    #[error("{path} is not a regular file; name a .glb, .gltf, .obj or .npz file")]
     NotAFile {
         /// What was named.
         path: PathBuf,
     },
     /// Neither content nor extension tells the format.
-    #[error("{file} is neither glTF (.glb, .gltf) nor OBJ (.obj)")]
+    #[error("{file} is neither glTF (.glb, .gltf) nor OBJ (.obj) nor a vertex sequence (.npz)")]
     UnknownFormat {
         /// The main file's name.
         file: String,

@@ -126,18 +126,7 @@ fn dry_run(service: &Service, request: &JobRequest) -> Result<Response, Problem>
     request.lay_out(service, incoming.path())?;
     let job = request.open(incoming.path()).map_err(|error| of_pipeline(&error))?;
     let plan = pipeline::plan(&job).map_err(|error| of_pipeline(&error))?;
-    let plan = json!({
-        "poses": plan.poses,
-        "points": plan.points,
-        "rays": plan.rays,
-        "disk_bytes": plan.disk_bytes,
-        "memory_bytes": plan.memory_bytes,
-        "rays_per_s": plan.rays_per_s,
-        "bake_s": plan.bake_s,
-        "notices": job.scene.notices,
-        "hashes": { "scene": job.hashes.scene, "bake": job.hashes.bake, "fit": job.hashes.fit },
-    });
-    Ok(answer::json(StatusCode::OK, &plan))
+    Ok(answer::json(StatusCode::OK, &plan.document(&job)))
 }
 
 /// Imports the scene, so that what stops the job from starting is told now, and writes the job

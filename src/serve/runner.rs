@@ -157,7 +157,7 @@ enum Failure {
 impl From<pipeline::Error> for Failure {
     fn from(error: pipeline::Error) -> Self {
         match error {
-            pipeline::Error::Cancelled { .. } => Self::Stopped,
+            pipeline::Error::Cancelled { .. } | pipeline::Error::Stopped { .. } => Self::Stopped,
             other => Self::Problem(of_pipeline(&other)),
         }
     }

@@ -6,7 +6,7 @@ use serde_json::json;
 use crate::cli::Answer;
 use crate::cli::args::ApplyArgs;
 use crate::model::{Model, Signal};
-use crate::pipeline::{self, Query, files};
+use crate::pipeline::{self, EvaluateError, Query, files};
 use crate::pose;
 use crate::rig::Pose;
 use crate::scene::{self, Attribute};
@@ -27,9 +27,9 @@ pub(in crate::cli) fn apply(args: &ApplyArgs) -> anyhow::Result<Answer> {
     let posed = match &args.clip {
         None => rest,
         Some(name) => {
-            let clip = scene.clips.iter().find(|clip| clip.name == *name).with_context(|| {
-                let names: Vec<&str> = scene.clips.iter().map(|clip| clip.name.as_str()).collect();
-                format!("the scene has no clip `{name}`; it has {}", names.join(", "))
+            let clip = scene.clips.iter().find(|clip| clip.name == *name).ok_or_else(|| {
+                let known = scene.clips.iter().map(|clip| clip.name.clone()).collect();
+                EvaluateError::Clip { name: name.clone(), known }
             })?;
             ensure!(
                 (0.0..=clip.duration_s).contains(&args.time),

@@ -2,6 +2,7 @@
 
 use serde_json::json;
 
+use super::Usage;
 use crate::choose::Target;
 use crate::cli::args::FitCommandArgs;
 use crate::cli::{Answer, units};
@@ -16,10 +17,10 @@ pub(in crate::cli) fn fit(args: &FitCommandArgs, watch: &Watch) -> anyhow::Resul
     args.edit(&mut recipe);
     let checked = Checked::new(&recipe)?;
     let target = target(&recipe);
-    if target.is_any() {
+    if chooses(args, &recipe, &target)? {
         return choose(args, &dataset, &recipe, &target, watch);
     }
-    let fitted = pipeline::fit(&dataset, &recipe)?;
+    let fitted = pipeline::fit_watched(&dataset, &recipe, watch)?;
     let blob = fitted.model.to_bytes(checked.precision)?;
     files::publish(&args.output, &blob)?;
     let mut text = format!(
@@ -32,6 +33,32 @@ pub(in crate::cli) fn fit(args: &FitCommandArgs, watch: &Watch) -> anyhow::Resul
     }
     let json = json!({ "model": args.output, "fit": figures(&fitted, blob.len() as u64) });
     Ok(Answer::new(text, json))
+}
+
+/// Whether the target chooses the model; refuses flags that then, or else, change nothing.
+///
+/// A target that only the data set's recipe states gives way to what the command line says.
+fn chooses(args: &FitCommandArgs, recipe: &Recipe, target: &Target) -> anyhow::Result<bool> {
+    match (target.is_any(), args.chosen_flag()) {
+        (true, Some(flag)) if args.states_target() => {
+            let told = format!(
+                "{flag} changes nothing where a target chooses the model; of the model only --family \
+                 can be said then"
+            );
+            return Err(Usage(told).into());
+        }
+        (true, None) => return Ok(true),
+        (true, Some(_)) | (false, _) => {}
+    }
+    pipeline::effective_fit(&recipe.fit, recipe.target.on).map_err(pipeline::Error::from)?;
+    if let Some(flag) = args.measures_in_vain() {
+        let told = format!(
+            "{flag} says how a model is measured, and without a target (--max-error, --max-bytes, \
+             --max-us, --max-fit-s) this fit measures none; `poselight measure` takes it"
+        );
+        return Err(Usage(told).into());
+    }
+    Ok(false)
 }
 
 fn target(recipe: &Recipe) -> Target {

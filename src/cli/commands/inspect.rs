@@ -12,6 +12,16 @@ use crate::pipeline::{self, Job};
 
 pub(in crate::cli) fn inspect(args: &InspectArgs) -> anyhow::Result<Answer> {
     if args.file.is_dir() {
+        let within = [&pipeline::DATASET, &pipeline::MODEL].map(|name| args.file.join(name));
+        if within[0].is_dir() {
+            let there = within.iter().filter(|path| path.exists());
+            let there: Vec<String> = there.map(|path| path.display().to_string()).collect();
+            anyhow::bail!(
+                "{} is the folder of a run, which holds several things: inspect {}",
+                args.file.display(),
+                there.join(" or ")
+            );
+        }
         return dataset(&args.file);
     }
     if args.file.extension().is_some_and(|extension| extension == "safetensors") {
@@ -44,10 +54,8 @@ fn scene(path: &Path) -> anyhow::Result<Answer> {
         "clips": clips,
         "parameters": parameters.columns.iter().map(|c| &c.name).collect::<Vec<_>>(),
         "dropped_parameters": parameters.dropped,
-        "default_bake": { "poses": plan.poses, "rays": plan.rays, "bake_s": plan.bake_s,
-            "disk_bytes": plan.disk_bytes, "memory_bytes": plan.memory_bytes,
-            "reference_s": plan.reference_s },
-        "notices": super::bake::notices(&job),
+        "default_bake": plan.figures(),
+        "notices": pipeline::notices(&job),
     });
     Ok(Answer::new(scene_text(&job, &plan), json))
 }
@@ -73,7 +81,7 @@ fn scene_text(job: &Job, plan: &pipeline::Plan) -> String {
         parameters.columns.len(),
         parameters.dropped.len()
     );
-    for notice in super::bake::notices(job) {
+    for notice in pipeline::notices(job) {
         text += &format!("  note: {notice}\n");
     }
     text += &format!(

@@ -46,6 +46,11 @@ pub(super) struct UnreadRecipe {
     pub(super) source: serde_json::Error,
 }
 
+/// Flags that make no sense together.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub(super) struct Usage(String);
+
 /// The recipe to start from.
 fn start(args: &RecipeArgs) -> anyhow::Result<Recipe> {
     args.recipe.as_deref().map_or_else(|| Ok(Recipe::default()), read_recipe)

@@ -13,6 +13,9 @@ pub(in crate::cli) fn run(args: &RunArgs, watch: &Watch) -> anyhow::Result<Answe
     args.fit.edit(&mut recipe);
     args.measure.edit(&mut recipe);
     let job = Job::open(&args.scene, recipe)?;
+    if args.dry_run {
+        return Ok(super::bake::planned(&job, &pipeline::plan(&job)?, true));
+    }
     let outcome = pipeline::run(&job, &args.output, watch)?;
     let figures = &outcome.figures;
     let mut text = super::bake::summary(&job, &outcome.baked);
@@ -25,7 +28,8 @@ pub(in crate::cli) fn run(args: &RunArgs, watch: &Watch) -> anyhow::Result<Answe
         units::seconds(figures.times.fit_s),
         figures.times.evaluate_us,
     );
-    for notice in &figures.model.notices {
+    let short = pipeline::reference_notice(&job.recipe.bake, job.checked.reference);
+    for notice in figures.model.notices.iter().chain(&short) {
         text += &format!("\n  note: {notice}");
     }
     if !outcome.made {
@@ -34,11 +38,12 @@ pub(in crate::cli) fn run(args: &RunArgs, watch: &Watch) -> anyhow::Result<Answe
     text += &format!("\n{}", super::measure::table(&figures.measured));
     text += &super::measure::verdict(outcome.met, job.checked.reference.max_error);
     text += &format!("\n{}", args.output.join("report.html").display());
+    let notices: Vec<String> = pipeline::notices(&job).into_iter().chain(short).collect();
     let json = json!({
         "output": args.output,
-        "bake": super::bake::figures(&outcome.baked),
+        "bake": super::bake::figures(&job, &outcome.baked),
         "figures": serde_json::to_value(figures)?,
-        "notices": super::bake::notices(&job),
+        "notices": notices,
         "target_met": outcome.met,
     });
     let mut answer = Answer::new(text, json);

@@ -76,7 +76,8 @@ fn figure(split: &SplitMeasured, clip: usize, frame_s: f64) -> String {
         }
     }
     if let Some((model, points)) = drawn.iter().find(|d| d.0.kind == Kind::Model) {
-        mark_worst(&mut plot, points, &model.name);
+        let lines: Vec<&[(f64, f64)]> = drawn.iter().map(|d| &d.1[..]).collect();
+        mark_worst(&mut plot, points, &lines, &model.name);
     }
     let caption = caption(split, clip, at.len());
     let legend: String = drawn
@@ -104,13 +105,22 @@ pub(super) fn legend(class: &str, name: &str) -> String {
     format!("<span class=\"key {class}\"><i></i>{}</span>", escape(name))
 }
 
-fn mark_worst(plot: &mut Plot, points: &[(f64, f64)], name: &str) {
+/// Width of the label of the worst frame, about, in the plot's units.
+const LABEL_WIDTH: f64 = 170.0;
+
+/// Marks the worst frame; its label stands above every line that passes under it.
+fn mark_worst(plot: &mut Plot, points: &[(f64, f64)], lines: &[&[(f64, f64)]], name: &str) {
     let Some(&worst) = points.iter().max_by(|a, b| a.1.total_cmp(&b.1)) else { return };
     plot.dot("worst", worst, &format!("worst frame of {name}"));
     let left = plot.px(worst.0) > 800.0;
     let (dx, anchor) = if left { (-8.0, "end") } else { (8.0, "start") };
     let text = format!("worst: {} at {} s", number(worst.1, 3), number(worst.0, 3));
-    plot.label("", worst, (dx, -8.0), (anchor, &text));
+    let (at, from) = (plot.px(worst.0), if left { -LABEL_WIDTH } else { 0.0 });
+    let under = at + from - 4.0..=at + from + LABEL_WIDTH;
+    let beneath = lines.iter().flat_map(|line| line.iter());
+    let beneath = beneath.filter(|point| under.contains(&plot.px(point.0)));
+    let highest = beneath.map(|point| plot.py(point.1)).fold(plot.py(worst.1), f64::min);
+    plot.label("", worst, (dx, highest - plot.py(worst.1) - 9.0), (anchor, &text));
 }
 
 fn caption(split: &SplitMeasured, clip: usize, frames: usize) -> String {
@@ -128,6 +138,24 @@ fn caption(split: &SplitMeasured, clip: usize, frames: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The label of the worst frame stands above another line that passes under it, left or right.
+    #[test]
+    fn the_worst_frame_is_named_above_all_lines() {
+        let others = [(1.0, 0.1), (2.0, 0.8), (8.0, 0.9), (9.0, 0.1)];
+        for worst in [1.0, 9.0] {
+            let model = [(0.0, 0.1), (worst, 0.5)];
+            let axes = (Axis::linear(0.0, 10.0), Axis::from_zero(1.0));
+            let mut plot = Plot::new("x", (960.0, 300.0), axes);
+            mark_worst(&mut plot, &model, &[&model, &others], "m");
+            let highest = plot.py(if worst < 5.0 { 0.8 } else { 0.9 });
+            let svg = plot.finish("", "");
+            let label = svg.split("class=\"label").nth(1).expect("a label");
+            let y = label.split(" y=\"").nth(1).and_then(|rest| rest.split('"').next());
+            let y: f64 = y.expect("a place").parse().expect("a number");
+            assert!(y < highest, "{y} is under {highest}");
+        }
+    }
 
     /// Runs of neighbouring frames are told apart where frames between them were not measured;
     /// frames that are all far apart stay joined.

@@ -37,12 +37,12 @@ fn worst_list(worst: &Worst) -> String {
 
 fn place(place: &Place) -> String {
     match place.part.as_str() {
-        "" => format!("vertex {}", place.vertex),
+        "" => format!("vertex {}", count(u64::from(place.vertex))),
         part => format!(
             "vertex {} of {} ({} in the mesh)",
-            place.vertex_in_part,
+            count(u64::from(place.vertex_in_part)),
             escape(part),
-            place.vertex
+            count(u64::from(place.vertex))
         ),
     }
 }

@@ -1,7 +1,7 @@
 //! The top of the page: what it is about, warnings, and the numbers that matter most.
 
 use super::figures::estimate;
-use super::input::ReportInput;
+use super::input::{ReportInput, Target};
 use super::text::{bytes, count, duration, escape, many, number, percent, plural, size, time};
 use crate::measure::{CandidateMeasured, Kind, Signal, Split, SplitMeasured};
 
@@ -90,9 +90,19 @@ fn against(error: f64, baseline: f64) -> String {
     format!(", where a model that ignores the pose is off by {shown}: {part}\u{a0}% less")
 }
 
+fn missed_target(target: &Target) -> String {
+    format!(
+        "The target is missed: coefficients were to be off by at most {} (RMS), and are by {}.",
+        number(target.most, 3),
+        number(target.reached.unwrap_or_default(), 3)
+    )
+}
+
 /// The caller's warnings, and those that the figures themselves call for.
 fn all_warnings(input: &ReportInput<'_>) -> Vec<String> {
-    let mut all = input.warnings.clone();
+    let missed = input.target.filter(|target| !target.is_met());
+    let mut all: Vec<String> = missed.iter().map(missed_target).collect();
+    all.extend(input.warnings.iter().cloned());
     if input.character.parameters == 0 {
         all.push(
             "Nothing that the model could follow moves in the training poses: the model is their mean."
@@ -151,6 +161,16 @@ fn tiles(input: &ReportInput<'_>, headline: Option<&Headline<'_>>) -> String {
         let what = "Evaluation of one pose";
         let more = format!("every coefficient of every vertex, one core{folded}");
         out.push_str(&tile("", what, (value, unit), &more));
+    }
+    if let Some(target) = input.target.filter(Target::is_met) {
+        let reached = target.reached.map_or_else(|| "≈\u{a0}0".to_owned(), |r| number(r, 3));
+        let more = format!("coefficient RMS; at most {} was asked for", number(target.most, 3));
+        out.push_str(&tile("", "Target met", (reached, ""), &more));
+    }
+    let part = input.times.bake_rays_per_s.filter(|_| input.times.bake_s.is_none());
+    if let Some(rate) = part {
+        let rate = (number(rate / 1e6, 3), "million rays/s");
+        out.push_str(&tile("", "Bake", rate, "of the part that the last run baked"));
     }
     if let Some(s) = input.times.bake_s.filter(|&s| s > 0.0) {
         let rate = number(input.times.bake_rays as f64 / s / 1e6, 3);

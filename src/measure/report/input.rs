@@ -31,12 +31,31 @@ pub struct ReportInput<'a> {
     pub rest: Option<RestMesh<'a>>,
     /// What the fit did not use.
     pub left_out: LeftOut,
+    /// What the error was to be, where that was stated.
+    pub target: Option<Target>,
     /// Sentences that a reader must see first: coverage, extrapolation, few poses.
     pub warnings: Vec<String>,
     /// The resolved recipe as indented JSON.
     pub recipe: &'a str,
     /// Names and values of hashes, such as `bake` and `fit`.
     pub hashes: Vec<(String, String)>,
+}
+
+/// The largest error that was asked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Target {
+    /// Root mean square error of a coefficient, over the headline split.
+    pub most: f64,
+    /// What was reached; `None` where it is lost in the references' noise.
+    pub reached: Option<f64>,
+}
+
+impl Target {
+    /// Whether the error is within the target; one lost in the noise is.
+    #[must_use]
+    pub fn is_met(&self) -> bool {
+        self.reached.is_none_or(|reached| reached <= self.most)
+    }
 }
 
 /// The character and its motion.
@@ -115,8 +134,10 @@ pub struct Spectrum<'a> {
 /// What was spent.
 #[derive(Debug, Clone, Default)]
 pub struct Times {
-    /// Wall seconds of the training bake.
+    /// Wall seconds of the training bake; unknown where several runs shared it.
     pub bake_s: Option<f64>,
+    /// Rays per second of what the last of them baked.
+    pub bake_rays_per_s: Option<f64>,
     /// Rays of the training bake.
     pub bake_rays: u64,
     /// Poses of the training bake (all splits).

@@ -17,7 +17,8 @@ mod tests;
 mod text;
 
 pub use input::{
-    Character, ClipFacts, LeftOut, ModelFacts, Phase, ReportInput, RestMesh, Spectrum, Times,
+    Character, ClipFacts, LeftOut, ModelFacts, Phase, ReportInput, RestMesh, Spectrum, Target,
+    Times,
 };
 pub use scatter::{Place, Scatter, scatter};
 

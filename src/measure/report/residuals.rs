@@ -58,9 +58,11 @@ fn distribution(model: &CandidateMeasured) -> String {
             if r.histogram[bin] > 0.0 { (above - fraction) / r.histogram[bin] } else { 0.0 };
         let x = right - r.histogram_width * inside.clamp(0.0, 1.0);
         plot.dot("model", (x, fraction), label);
-        let (dx, anchor) = if fraction > 0.9 { (-9.0, "end") } else { (9.0, "start") };
+        // The curve rises: above on the left and below on the right it is out of the way.
+        let above = fraction < 0.5 || plot.px(x) > 360.0;
+        let (by, anchor) = if above { ((-9.0, -6.0), "end") } else { ((9.0, 15.0), "start") };
         let text = format!("{label}: {}", number(x, 2));
-        plot.label("", (x, fraction), (dx, 4.0), (anchor, &text));
+        plot.label("", (x, fraction), by, (anchor, &text));
     }
     let caption = "Empirical distribution function of the same residuals.";
     let svg = plot.finish("Distribution of residuals", caption);

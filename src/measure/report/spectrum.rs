@@ -63,6 +63,11 @@ pub(super) fn figure(
     plot.area("model", &shown);
     plot.line("model", shown.iter().copied());
     let summary = summary(spectrum);
+    // First, so that it does not cut through the labels.
+    if let Some(kept) = spectrum.kept.filter(|&k| k > 0 && k <= count) {
+        let anchor = if plot.px(kept as f64) > 360.0 { "end" } else { "start" };
+        plot.rule(kept as f64, &format!("kept: {kept}"), anchor);
+    }
     for ((_, label), dimensions) in MARKS.iter().zip(summary.dimensions) {
         let Some(k) = dimensions else { continue };
         let at = (k as f64, 1.0 - cumulative[k - 1]);
@@ -71,13 +76,18 @@ pub(super) fn figure(
         let (by, anchor) = if right { ((-8.0, 16.0), "end") } else { ((9.0, -7.0), "start") };
         plot.label("", at, by, (anchor, &format!("{label} in {k}")));
     }
-    if let Some(kept) = spectrum.kept.filter(|&k| k > 0 && k <= count) {
-        let anchor = if plot.px(kept as f64) > 360.0 { "end" } else { "start" };
-        plot.rule(kept as f64, &format!("kept: {kept}"), anchor);
-    }
     let caption = caption((measure, name), spectrum, &summary);
     let svg = plot.finish(&format!("Spectrum of {name}"), &caption);
     Some(format!("<figure>{svg}<figcaption>{}</figcaption></figure>", escape(&caption)))
+}
+
+/// A share as per cent, in which only a whole is 100.
+fn share(fraction: f64) -> String {
+    match fraction {
+        all if all >= 1.0 - 1e-12 => "all of it".to_owned(),
+        most if most > 0.9994 => "more than 99.9\u{a0}%".to_owned(),
+        part => percent(part),
+    }
 }
 
 fn caption((measure, name): (&str, &str), spectrum: &Spectrum<'_>, summary: &Summary) -> String {
@@ -91,7 +101,7 @@ fn caption((measure, name): (&str, &str), spectrum: &Spectrum<'_>, summary: &Sum
         text.push_str(&format!(" They hold {}.", held.join(", ")));
     }
     if let (Some(kept), Some(fraction)) = (spectrum.kept, summary.kept) {
-        text.push_str(&format!(" The model keeps {kept}, which hold {}.", percent(fraction)));
+        text.push_str(&format!(" The model keeps {kept}, which hold {}.", share(fraction)));
     }
     if spectrum.total.is_some() {
         text.push_str(" Only the largest eigenvalues were computed; the total is exact.");
@@ -117,6 +127,13 @@ mod tests {
         let none = Spectrum::default();
         assert_eq!(summary(&none).dimensions, [None; 3]);
         assert_eq!(figure("x", ("variance", "poses"), &none), None);
+    }
+
+    /// Only a whole is called so; what rounds to it is not.
+    #[test]
+    fn a_share_is_not_rounded_to_a_whole() {
+        let shares = [1.0, 0.99996, 0.9994, 0.9].map(share);
+        assert_eq!(shares, ["all of it", "more than 99.9\u{a0}%", "99.9\u{a0}%", "90.0\u{a0}%"]);
     }
 
     /// A spectrum of zeros, one value, and a thousand all draw.

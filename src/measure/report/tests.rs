@@ -168,6 +168,7 @@ fn facts(name: &str) -> (Character, ModelFacts, Times, LeftOut) {
     let phase = |name: &str, seconds, pca| Phase { name: name.to_owned(), seconds, pca };
     let times = Times {
         bake_s: Some(912.0),
+        bake_rays_per_s: None,
         bake_rays: 8_955_280_000,
         bake_poses: 1_240,
         reference_s: Some(1_430.0),
@@ -209,6 +210,7 @@ fn page(measured: &Measured, body: &Body, name: &str) -> String {
             point_of_vertex: &vertices,
         }),
         left_out,
+        target: None,
         warnings: vec![format!("Clip {name} leaves the training poses by 4.1 deviations")],
         recipe: "{\n  \"version\": 1,\n  \"scene\": \"<a & b>\"\n}",
         hashes: vec![("bake".to_owned(), "5f3c…".to_owned())],
@@ -255,6 +257,7 @@ fn pages_of_little() {
         times: Times::default(),
         rest: None,
         left_out: LeftOut::default(),
+        target: None,
         warnings: Vec::new(),
         recipe: "",
         hashes: Vec::new(),
@@ -291,6 +294,7 @@ fn page_input(measured: &Measured) -> ReportInput<'_> {
         times: Times::default(),
         rest: None,
         left_out: LeftOut::default(),
+        target: None,
         warnings: Vec::new(),
         recipe: "",
         hashes: Vec::new(),
@@ -312,6 +316,33 @@ fn worse_than_the_baseline_is_said() {
         split.candidates[0].ao.mean_absolute.value = 0.9;
     }
     assert!(html(&page_input(&measured)).contains("<strong>worse</strong>"));
+}
+
+/// A target that was missed stands among the warnings with both numbers, one that was met in a tile;
+/// a bake that several runs shared still has its rate.
+#[test]
+fn targets_and_shared_bakes_are_shown() {
+    let body = body(4);
+    let measured = measured(Signal::Ao, 1, &body, 2, "run");
+    let of = |reached| {
+        let target = Some(Target { most: 0.01, reached: Some(reached) });
+        let times = Times { bake_rays_per_s: Some(2.5e6), ..Times::default() };
+        html(&ReportInput { target, times, ..page_input(&measured) })
+    };
+    let (missed, met) = (of(0.02), of(0.005));
+    assert!(missed.contains("The target is missed") && missed.contains("0.0100 (RMS)"));
+    assert!(met.contains("Target met") && !met.contains("is missed"));
+    assert!(met.contains("2.50 <small>million rays/s") && met.contains("the last run baked"));
+}
+
+/// The rule of what is kept is drawn under the marks of a spectrum, not through their labels.
+#[test]
+fn labels_are_drawn_over_rules() {
+    let body = body(4);
+    let page = page(&measured(Signal::Transfer, 2, &body, 5, "run"), &body, "run");
+    let spectrum = &page[page.find("id=\"pose-spectrum-t\"").expect("the spectrum")..];
+    let (rule, mark) = (spectrum.find(">kept: 8<"), spectrum.find(">90 % in"));
+    assert!(rule.expect("a rule") < mark.expect("a mark"));
 }
 
 /// Walks the tags of a page; returns the ids. The style sheet is skipped.

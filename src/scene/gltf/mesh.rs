@@ -141,8 +141,11 @@ fn add_primitive(
     let given = normals.iter().any(|normal| *normal != Vec3::ZERO);
     let filled = normals::complete(&positions, &triangles, first as u32, &mut normals);
     if filled > 0 {
-        let which = if given { format!("{filled} normals") } else { "the normals".into() };
-        file.notices.add(format!("{place}: {which} are missing and were computed"));
+        let what = match given {
+            true => "some normals are missing and were computed",
+            false => "the normals are missing and were computed",
+        };
+        file.notices.add_alike(what, place);
     }
     let morphs = morph::read(file, primitive, place, vertices.clone(), carrier.slots.clone())?;
     let weights = bind(file, primitive, place, positions.len(), deformers, carrier)?;

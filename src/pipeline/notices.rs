@@ -1,0 +1,96 @@
+//! What a user should know of a job before trusting its results.
+
+use super::recipe::BakeRecipe;
+use super::reference::{rays_per_point, reference_rays};
+use super::{Job, ReferenceSettings};
+use crate::bake;
+use crate::pose::Split;
+
+/// What import, sampling and the bake mended, rounded or left out, a sentence each.
+#[must_use]
+pub fn notices(job: &Job) -> Vec<String> {
+    let mut notices = job.scene.notices.clone();
+    for repeat in &job.poses.near_repeats {
+        notices.push(format!(
+            "clip `{}`: {} of {} poses dropped as near-repeats (threshold {})",
+            job.poses.clip_names[repeat.clip], repeat.dropped, repeat.sampled, repeat.threshold
+        ));
+    }
+    if job.poses.samples.len() == 1 {
+        notices.push("the scene does not move: one pose is baked, and a model is its mean".into());
+    } else if job.poses.parametrisation.columns.is_empty() {
+        notices.push("no joint moves in the training poses: a model is their mean".into());
+    }
+    notices.extend(held_out(job));
+    notices.extend(rounded(&job.recipe.bake));
+    notices
+}
+
+/// What the model will be proven on, which the user may not have chosen.
+fn held_out(job: &Job) -> Option<String> {
+    let of = |split| job.poses.samples.iter().filter(move |sample| sample.split == split);
+    let within = of(Split::WithinClip).count();
+    if within > 0 {
+        return Some(format!("held out: the last {within} poses of the only clip"));
+    }
+    let mut clips: Vec<&str> =
+        of(Split::Novel).map(|sample| job.poses.clip_names[sample.clip].as_str()).collect();
+    clips.dedup();
+    let drawn = if job.checked.poses.hold_out.is_none() {
+        " (drawn by the seed; --hold-out chooses)"
+    } else {
+        ""
+    };
+    (!clips.is_empty()).then(|| format!("held out: {}{drawn}", clips.join(", ")))
+}
+
+/// Rays that are cast over and above those asked for. With a target noise the number is a bound.
+fn rounded(recipe: &BakeRecipe) -> Option<String> {
+    let cast = bake::rays_cast(recipe.rays);
+    (recipe.noise.is_none() && cast != recipe.rays).then(|| {
+        format!(
+            "{cast} rays are cast at each point, not {}: they come in equal halves",
+            recipe.rays
+        )
+    })
+}
+
+/// References that cannot have as many rays as they should.
+#[must_use]
+pub fn reference_notice(bake: &BakeRecipe, settings: ReferenceSettings) -> Option<String> {
+    let (rays, own) = (reference_rays(bake, settings.factor), rays_per_point(bake));
+    (u64::from(rays) < u64::from(own) * u64::from(settings.factor)).then(|| {
+        format!(
+            "the references cast {rays} rays at each point, the most there can be: {:.1} times the \
+             bake's {own}, not {}",
+            f64::from(rays) / f64::from(own),
+            settings.factor
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Seventeen rays are eighteen and said to be; even numbers and bounds need no word.
+    #[test]
+    fn rounding_is_told() {
+        let of = |rays, noise| rounded(&BakeRecipe { rays, noise, ..BakeRecipe::default() });
+        let told = of(17, None).expect("17 are not cast");
+        assert!(told.contains("18 rays are cast") && told.contains("not 17"), "{told}");
+        assert_eq!((of(500, None), of(17, Some(0.01))), (None, None));
+    }
+
+    /// References have so many times the rays that are cast, all rounds together, up to the bound,
+    /// and where that cuts them short it is said.
+    #[test]
+    fn a_bound_on_references_is_told() {
+        let settings = ReferenceSettings { factor: 8, poses: 1, max_error: None };
+        let of = |rays| BakeRecipe { rays, more_rays: vec![15], ..BakeRecipe::default() };
+        assert_eq!(reference_rays(&of(17), 8), 8 * (18 + 16));
+        assert_eq!(reference_notice(&of(17), settings), None);
+        let told = reference_notice(&of(400_000), settings).expect("3.2 million are too many");
+        assert!(told.contains("1000000 rays") && told.contains("2.5 times"), "{told}");
+    }
+}
