@@ -41,6 +41,7 @@ bench: setup
 	$(CARGO) bench --locked --bench transport
 	$(CARGO) bench --locked --bench evaluate
 	$(CARGO) bench --locked --bench fit
+	$(CARGO) bench --locked --bench light
 	$(CARGO) run --release --locked -- sample figure -o $(DEMO)/figure.glb
 	$(CARGO) bench --locked --bench assets -- $(CHARACTERS) $(ASSET_FLAGS)
 	@for mesh in $(MESHES); do python3 benches/peers/occlusion.py $$mesh $(BIN); done

@@ -9,16 +9,18 @@
 //! | rank | module | owns |
 //! |---|---|---|
 //! | 0 | [`num`] | random numbers, direction sets, statistics, linear algebra, CPU kernels |
-//! | 1 | [`sh`] | spherical harmonics: basis, index, rotation, zonal |
+//! | 1 | [`sh`] | spherical harmonics: basis, index, rotation, products, zonal |
 //! | 2 | [`rig`] | skeleton, skinning, pose parameters |
 //! | 3 | [`model`] | encoder and linear decoder, evaluation, light folding, the blob |
-//! | 5 | `scene` | glTF and OBJ import |
+//! | 4 | [`shade`] | lights as spherical harmonics |
+//! | 5 | `scene` | glTF and OBJ import, environment maps |
 //! | 6 | `pose` | clip sampling |
 //! | 7 | `trace` | Embree behind safe types |
 //! | 8 | `bake` | rays to signals |
 //! | 9 | `dataset` | the training set on disk |
 //! | 10 | `fit` | the model families |
 //! | 11 | `measure` | errors, costs, reports |
+//! | 12 | `render` | stills, shading by rays as their truth |
 //! | 13 | `choose` | what a target asks for |
 //! | 14 | `pipeline` | recipe, run, resume |
 //! | 15 | `serve` | the service: HTTP, jobs, stores |
@@ -33,6 +35,7 @@ pub mod model;
 pub mod num;
 pub mod rig;
 pub mod sh;
+pub mod shade;
 
 #[cfg(feature = "bake")]
 pub mod bake;
@@ -48,6 +51,8 @@ pub mod measure;
 pub mod pipeline;
 #[cfg(feature = "bake")]
 pub mod pose;
+#[cfg(feature = "bake")]
+pub mod render;
 #[cfg(feature = "bake")]
 pub mod scene;
 #[cfg(feature = "bake")]

@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub(crate) use super::fit_args::{FitCommandArgs, FitFlags};
+pub(crate) use super::light_args::{LightArgs, WindowArg};
+pub(crate) use super::still_args::StillArgs;
 use super::surroundings::SurroundingsFlags;
 use crate::pipeline::recipe::{ParametrisationName, Recipe, SignalName};
 
@@ -63,6 +65,11 @@ pub(crate) enum Command {
     Run(RunArgs),
     /// Write a model's values at one pose into the scene's GLB, as vertex attributes.
     Apply(ApplyArgs),
+    /// Print an environment light as spherical harmonics, also as engines take it.
+    Light(LightArgs),
+    /// Render a picture: a scene by rays, or a model beside them.
+    #[command(args_override_self = true)]
+    Still(StillArgs),
     /// Print the JSON Schema of the recipe.
     Schema,
     /// Serve jobs, models and evaluation over HTTP.

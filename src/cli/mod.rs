@@ -8,9 +8,12 @@ mod args;
 mod commands;
 mod files;
 mod fit_args;
+mod light_args;
+mod light_source;
 mod screen;
 #[cfg(feature = "serve")]
 mod serve_args;
+mod still_args;
 mod surroundings;
 mod units;
 
@@ -117,6 +120,8 @@ fn run(command: Command, watch: &Watch) -> anyhow::Result<Answer> {
         Command::Evaluate(args) => commands::evaluate(&args),
         Command::Run(args) => commands::run(&args, watch),
         Command::Apply(args) => commands::apply(&args),
+        Command::Light(args) => commands::light(&args),
+        Command::Still(args) => commands::still(&args),
         Command::Schema => commands::schema(),
         #[cfg(feature = "serve")]
         Command::Serve(args) => commands::serve(&args, &STOP),

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use crate::model::{self, Distance, Frame, JointPose, Model, PosedInput, Signal, Surface};
 use crate::pose;
-use crate::rig::{self, Deformed, Pose};
+use crate::rig::{self, Deformed, Pose, RigidFrame};
 use crate::scene::Scene;
 
 fn known_clips(known: &[String]) -> String {
@@ -155,6 +155,16 @@ impl Query {
     /// What [`Model::distance`] objects to.
     pub fn distance(&self, model: &Model) -> Result<Distance, EvaluateError> {
         Ok(model.distance(&self.parameters)?)
+    }
+
+    /// The root frame of the pose: a light of the scene is turned by the inverse of its rotation
+    /// before it meets the values.
+    ///
+    /// # Errors
+    /// [`EvaluateError::NeedsPose`] where only parameters are known.
+    pub fn root_frame(&self, model: &Model) -> Result<RigidFrame, EvaluateError> {
+        let pose = self.pose.as_ref().ok_or(EvaluateError::NeedsPose)?;
+        Ok(model.root_frame_of(pose)?)
     }
 
     /// Whether the values come in the root frame, and so can meet a light.

@@ -28,6 +28,7 @@ mod reference;
 mod report;
 mod run;
 mod search;
+mod still;
 mod subset;
 mod surroundings;
 mod timing;
@@ -51,5 +52,8 @@ pub use progress::{Progress, Stage, Watch};
 pub use reference::{ReferenceBaked, bake_reference, job_of, rays_per_point};
 pub use run::{DATASET, FIGURES, MODEL, Outcome, RECIPE, REPORT, examine, meets_target, run};
 pub use search::{Searched, VALIDATION, search};
+pub use still::{
+    MOST_STILL_FRAMES, STILL_SIZES, Still, StillError, StillPicture, spread_times, still,
+};
 pub use surroundings::Occluders;
 pub use tradeoff::{Tradeoff, tradeoff};

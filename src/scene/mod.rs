@@ -15,6 +15,7 @@
 
 mod attach;
 mod budget;
+mod environment;
 mod error;
 pub mod figure;
 mod gltf;
@@ -32,6 +33,7 @@ use std::ops::Range;
 use std::path::Path;
 
 pub use attach::{Attribute, attach};
+pub use environment::{EnvironmentPicture, MOST_TEXELS, environment};
 pub use error::Error;
 pub use limits::Limits;
 pub use surface::{MOST_ALBEDO, Material, Surface, Texture, Wrap};

@@ -1,4 +1,4 @@
-//! Rank 1. Real spherical harmonics: basis, index, rotation, zonal functions.
+//! Rank 1. Real spherical harmonics: basis, index, rotation, products, zonal functions.
 //!
 //! Convention of the whole crate: real, orthonormal over the sphere, no Condon–Shortley sign, so
 //! band 1 is 0.488603 · (y, z, x); flat index i = l(l+1)+m; the axes are glTF's, so m = 0 is about
@@ -8,12 +8,14 @@
 
 mod basis;
 mod hemisphere;
+mod product;
 mod quadrature;
 mod rotation;
 pub mod zonal;
 
 pub use basis::{evaluate, evaluate_f64, evaluate_lanes};
 pub use hemisphere::{hemisphere_gram, hemisphere_gram_pole};
+pub use product::TripleProduct;
 pub use quadrature::gauss_legendre;
 pub use rotation::Rotation;
 

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{MAX_BANDS, MAX_COEFFICIENTS, Order, evaluate};
+use super::{MAX_BANDS, MAX_COEFFICIENTS, Order, evaluate, evaluate_f64};
 
 /// The zonal coefficients ∫ (cos θ)₊ y_l0 dω of the clamped cosine about +Z, one per band,
 /// for the first n bands; the rest are zero.
@@ -40,6 +40,45 @@ pub fn unshadowed(order: Order) -> [f32; MAX_BANDS] {
     clamped_cosine(order).map(|x| (x / std::f64::consts::PI) as f32)
 }
 
+/// The zonal coefficients of a cap, 1 within `half_angle` (radians, 0 to π) of +Z and 0 elsewhere:
+/// √π (1 − cos α) and, for l > 0, √(π/(2l+1)) · (P_{l−1}(cos α) − P_{l+1}(cos α)).
+///
+/// The difference of Legendre polynomials is taken as (2l+1)/(l(l+1)) · sin² α · P_l'(cos α),
+/// which keeps its digits where the cap is small.
+#[must_use]
+pub fn cap(order: Order, half_angle: f64) -> [f64; MAX_BANDS] {
+    let mut out = [0.0; MAX_BANDS];
+    let (sin, cos) = half_angle.sin_cos();
+    // P_l' by its own recurrence: l P'_{l+1} = (2l+1) x P'_l − (l+1) P'_{l−1}.
+    let (mut before, mut slope) = (0.0, 1.0);
+    for (l, out) in out.iter_mut().enumerate().take(order.bands()) {
+        let lf = l as f64;
+        *out = if l == 0 {
+            2.0 * std::f64::consts::PI.sqrt() * (half_angle / 2.0).sin().powi(2)
+        } else {
+            let scale = (std::f64::consts::PI * (2.0 * lf + 1.0)).sqrt() / (lf * (lf + 1.0));
+            let value = scale * sin * sin * slope;
+            let next = ((2.0 * lf + 1.0) * cos * slope - (lf + 1.0) * before) / lf;
+            (before, slope) = (slope, next);
+            value
+        };
+    }
+    out
+}
+
+/// [`rotate`] in f64.
+///
+/// # Panics
+/// If `zonal` is shorter than n or `out` shorter than n².
+pub fn rotate_f64(order: Order, zonal: &[f64], axis: [f64; 3], out: &mut [f64]) {
+    let out = &mut out[..order.coefficients()];
+    evaluate_f64(order, axis, out);
+    for (l, zonal) in zonal[..order.bands()].iter().enumerate() {
+        let scale = (4.0 * std::f64::consts::PI / (2 * l + 1) as f64).sqrt() * zonal;
+        out[l * l..(l + 1) * (l + 1)].iter_mut().for_each(|y| *y *= scale);
+    }
+}
+
 /// The n² coefficients of a zonal function about the unit vector `axis` instead of +Z:
 /// f_lm = √(4π/(2l+1)) · `zonal[l]` · y_lm(axis).
 ///
@@ -60,7 +99,7 @@ pub fn rotate(order: Order, zonal: &[f32], axis: Vec3, out: &mut [f32]) {
 #[cfg(test)]
 mod tests {
     use super::super::quadrature::zone;
-    use super::super::{Rotation, evaluate_f64, index};
+    use super::super::{Rotation, index};
     use super::*;
 
     /// The closed form agrees with quadrature of (cos θ)₊ y_l0 over the upper hemisphere, which is

@@ -5,11 +5,13 @@ mod bake;
 mod evaluate;
 mod fit;
 mod inspect;
+mod light;
 mod measure;
 mod run;
 mod sample;
 #[cfg(feature = "serve")]
 mod serve;
+mod still;
 mod tradeoff;
 
 pub(super) use apply::apply;
@@ -17,11 +19,13 @@ pub(super) use bake::bake;
 pub(super) use evaluate::evaluate;
 pub(super) use fit::fit;
 pub(super) use inspect::inspect;
+pub(super) use light::light;
 pub(super) use measure::measure;
 pub(super) use run::run;
 pub(super) use sample::{sample, schema};
 #[cfg(feature = "serve")]
 pub(super) use serve::{serve, token};
+pub(super) use still::still;
 pub(super) use tradeoff::tradeoff;
 
 use std::path::{Path, PathBuf};

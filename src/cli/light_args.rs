@@ -1,0 +1,42 @@
+//! The arguments of `poselight light`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+/// What a light may be, for every command that takes one.
+pub(super) const LIGHT_HELP: &str = "A map (.hdr, .exr), or `constant`, `directional:X,Y,Z`, \
+    `cone:X,Y,Z,DEGREES` (half angle) or `sphere:X,Y,Z,RADIUS`, each with `:R,G,B` after it or \
+    white. Directions point to the light, +Y is up. The middle of a map is +X, +Z to its right.";
+
+#[derive(Debug, Args)]
+pub(crate) struct LightArgs {
+    #[arg(value_name = "LIGHT", help = LIGHT_HELP)]
+    pub(crate) source: String,
+    /// Order of the spherical harmonics, 1 to 10.
+    #[arg(long, value_name = "N", default_value_t = 6)]
+    pub(crate) order: u8,
+    /// Degrees to turn the light by about +Y, counter-clockwise seen from above.
+    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub(crate) turn: f64,
+    /// Let the bands fade out, against ringing [default: they stop].
+    #[arg(long, value_enum)]
+    pub(crate) window: Option<WindowArg>,
+    /// Bands until the window is closed [default: the order], or the strength of `laplacian`
+    /// [default: 0.01].
+    #[arg(long, value_name = "SIZE", requires = "window")]
+    pub(crate) window_size: Option<f64>,
+    /// Also write the coefficients as an array [n², 3] of f32, as `evaluate --light` takes it.
+    #[arg(short, long, value_name = "LIGHT.npy")]
+    pub(crate) output: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum WindowArg {
+    /// (1 + cos(πl/size))/2.
+    Hann,
+    /// sin(πl/size)/(πl/size).
+    Lanczos,
+    /// 1/(1 + size·l²(l+1)²).
+    Laplacian,
+}

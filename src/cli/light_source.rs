@@ -1,0 +1,159 @@
+//! Where a light comes from: a map, or a few words.
+
+use std::path::Path;
+
+use anyhow::{Context, bail, ensure};
+use glam::DQuat;
+use serde_json::{Value, json};
+
+use crate::pipeline::files;
+use crate::scene;
+use crate::sh::Order;
+use crate::shade::{EnvironmentMap, ShLight};
+
+/// Bytes of a map's file: the largest map, uncompressed.
+const MOST_BYTES: u64 = 512 << 20;
+
+/// A light and what is to be said of it.
+pub(super) struct LightSource {
+    pub(super) light: ShLight,
+    /// What a map was found to hold; null for lights in closed form.
+    pub(super) map: Value,
+    /// Sentences for the user.
+    pub(super) notices: Vec<String>,
+}
+
+/// Reads `constant`, `directional:X,Y,Z`, `cone:X,Y,Z,DEGREES` or `sphere:X,Y,Z,RADIUS`, each with
+/// `:R,G,B` after it or white, or the map of that name; `turn` degrees about +Y are added.
+pub(super) fn read_light(source: &str, order: Order, turn: f64) -> anyhow::Result<LightSource> {
+    ensure!(turn.is_finite(), "--turn is {turn}; it must be a number of degrees");
+    let mut read = match closed_form(source, order) {
+        Some(light) => LightSource {
+            light: light.with_context(|| format!("light `{source}`"))?,
+            map: Value::Null,
+            notices: Vec::new(),
+        },
+        None => from_map(Path::new(source), order)?,
+    };
+    if turn != 0.0 {
+        read.light = read.light.rotated(DQuat::from_rotation_y(turn.to_radians()));
+    }
+    Ok(read)
+}
+
+/// `None` where the word before the first colon is none of ours: a file's name.
+fn closed_form(source: &str, order: Order) -> Option<anyhow::Result<ShLight>> {
+    let mut parts = source.split(':');
+    let name = parts.next().unwrap_or_default();
+    let wanted = match name {
+        "constant" => 0,
+        "directional" => 3,
+        "cone" | "sphere" => 4,
+        _ => return None,
+    };
+    Some((|| {
+        let numbers = if wanted == 0 { Vec::new() } else { numbers(parts.next(), wanted)? };
+        let colour = match parts.next() {
+            None => [1.0; 3],
+            given => <[f64; 3]>::try_from(self::numbers(given, 3)?).unwrap_or([1.0; 3]),
+        };
+        ensure!(parts.next().is_none(), "has too many parts");
+        Ok(match (name, numbers.as_slice()) {
+            ("directional", &[x, y, z]) => ShLight::directional(order, [x, y, z], colour)?,
+            ("cone", &[x, y, z, degrees]) => {
+                ShLight::cone(order, [x, y, z], degrees.to_radians(), colour)?
+            }
+            ("sphere", &[x, y, z, radius]) => ShLight::sphere(order, [x, y, z], radius, colour)?,
+            _ => ShLight::constant(order, colour)?,
+        })
+    })())
+}
+
+/// Numbers between commas, as many as are wanted.
+fn numbers(text: Option<&str>, wanted: usize) -> anyhow::Result<Vec<f64>> {
+    let text = text.unwrap_or_default();
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
+    match numbers {
+        Ok(numbers) if numbers.len() == wanted => Ok(numbers),
+        _ => bail!("wants {wanted} numbers between commas where it has `{text}`"),
+    }
+}
+
+fn from_map(path: &Path, order: Order) -> anyhow::Result<LightSource> {
+    let bytes = files::read(path, MOST_BYTES)?;
+    let picture = scene::environment(&bytes, &path.display().to_string())?;
+    let (width, height) = (picture.width, picture.height);
+    let map = EnvironmentMap { width, height, texels: &picture.texels };
+    let (light, facts) =
+        map.project(order).with_context(|| format!("{} as a light", path.display()))?;
+    let mut notices = Vec::new();
+    if facts.negative_texels > 0 {
+        notices.push(format!(
+            "{} negative texels were taken as 0, which adds {:?} to the mean radiance",
+            facts.negative_texels, facts.clamped_radiance
+        ));
+    }
+    if facts.max_radiance == [0.0; 3] {
+        notices.push("the map is black".to_owned());
+    }
+    let map = json!({
+        "width": width,
+        "height": height,
+        "negative_texels": facts.negative_texels,
+        "clamped_radiance": facts.clamped_radiance,
+        "mean_radiance": facts.mean_radiance,
+        "max_radiance": facts.max_radiance,
+    });
+    Ok(LightSource { light, map, notices })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn light(source: &str) -> anyhow::Result<LightSource> {
+        read_light(source, Order::new(4).expect("order"), 0.0)
+    }
+
+    /// Each closed form is read with and without a colour; what is wrong is said with its text.
+    #[test]
+    fn words_are_lights() {
+        let order = Order::new(4).expect("order");
+        let expected = [
+            ("constant", ShLight::constant(order, [1.0; 3])),
+            ("constant:1,2,3", ShLight::constant(order, [1.0, 2.0, 3.0])),
+            ("directional:0, 1,0", ShLight::directional(order, [0.0, 1.0, 0.0], [1.0; 3])),
+            ("cone:1,0,0,90:1,0,0", {
+                let half_angle = 90_f64.to_radians();
+                ShLight::cone(order, [1.0, 0.0, 0.0], half_angle, [1.0, 0.0, 0.0])
+            }),
+            ("sphere:0,3,0,1", ShLight::sphere(order, [0.0, 3.0, 0.0], 1.0, [1.0; 3])),
+        ];
+        for (source, expected) in expected {
+            assert_eq!(light(source).expect(source).light, expected.expect(source), "{source}");
+        }
+        for (source, word) in [
+            ("cone:1,0,0", "wants 4 numbers"),
+            ("cone:1,0,0,x", "`1,0,0,x`"),
+            ("constant:1,2", "wants 3 numbers"),
+            ("constant:1,2,3:4", "too many parts"),
+            ("sphere:0,1,0,2", "radius 2 at distance 1"),
+            ("directional", "wants 3 numbers"),
+            ("no-such-map.hdr", "no-such-map.hdr"),
+        ] {
+            let error = light(source).err().map(|error| format!("{error:#}")).unwrap_or_default();
+            assert!(error.contains(word), "{source}: {error}");
+        }
+    }
+
+    /// A quarter turn takes what came from +X to −Z.
+    #[test]
+    fn lights_are_turned_about_the_vertical() {
+        let order = Order::new(4).expect("order");
+        let turned = read_light("directional:1,0,0", order, 90.0).expect("light").light;
+        let there = light("directional:0,0,-1").expect("light").light;
+        for (a, b) in turned.colours()[0].iter().zip(&there.colours()[0]) {
+            assert!((a - b).abs() < 1e-12);
+        }
+    }
+}

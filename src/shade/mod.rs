@@ -1,0 +1,20 @@
+//! Rank 4. What an engine needs to shade: lights as spherical harmonics of radiance, or as a few lobes.
+//!
+//! Lights are RGB, in f64, in the convention of [`crate::sh`]: l_i = ∫ L(ω) y_i(ω) dω, with ω
+//! pointing from the shaded point to where the light comes from, in the axes of glTF (+Y up).
+//!
+//! *Invariant:* no files, threads or picture formats; slices in, coefficients out.
+
+mod conventions;
+mod environment_map;
+mod error;
+mod light;
+mod window;
+mod zonal_fit;
+
+pub use conventions::{D3DX_BANDS, THREE_BANDS, d3dx, filament, three_js};
+pub use environment_map::{EnvironmentMap, MapFacts};
+pub use error::Error;
+pub use light::ShLight;
+pub use window::Window;
+pub use zonal_fit::{Lobe, MOST_LOBES, ZonalLight};
