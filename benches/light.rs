@@ -1,19 +1,42 @@
-//! `cargo bench --bench light`: products of spherical harmonics by the sparse tensor beside the
-//! dense one, on one core. Every round runs all contestants in turn; the best round counts.
+//! `cargo bench --bench light`: what light and reflection cost, on one core unless it says otherwise.
+//!
+//! Products of spherical harmonics by the sparse tensor beside the dense one; zonal lobes of the
+//! environment maps of the asset folder where there is one; operators of reflectances and how many
+//! points they shade; shadows of spheres beside sequential products and beside looking;
+//! horizons of a height field. Every round
+//! of a comparison runs all contestants in turn, and the best round counts.
 
 #![expect(clippy::print_stdout, reason = "a benchmark prints its tables")]
 #![expect(clippy::unwrap_used, reason = "a benchmark ends where something fails")]
 
+use std::f64::consts::PI;
 use std::hint::black_box;
+use std::path::PathBuf;
 use std::time::Instant;
 
+use glam::{Mat3, Quat, Vec3};
 use poselight::num::random::Stream;
-use poselight::sh::{Order, TripleProduct};
+use poselight::scene;
+use poselight::sh::{Order, TripleProduct, evaluate_f64, gauss_legendre};
+use poselight::shade::{
+    Brdf, EnvironmentMap, HeightField, HorizonShadows, Reflectance, Reflector, ShLight, Sphere,
+    SphereShadows, ZonalLight, factor,
+};
+use rayon::prelude::*;
 
 const ROUNDS: usize = 60;
 
 fn main() {
     products();
+    lobes();
+    reflection();
+    shading();
+    shadows();
+    heights();
+}
+
+fn order(bands: u8) -> Order {
+    Order::new(bands).unwrap()
 }
 
 /// Microseconds of one call in the best of many rounds, for each contestant.
@@ -59,7 +82,7 @@ fn products() {
         "| order | entries of Γ | of | sparse product | dense product | times faster | product matrix |\n|---|---|---|---|---|---|---|"
     );
     for bands in [2, 3, 4, 6, 8, 10] {
-        let order = Order::new(bands).unwrap();
+        let order = order(bands);
         let count = order.coefficients();
         let gamma = TripleProduct::new(order, order, order);
         let mut full = vec![0.0_f32; count * count * count];
@@ -88,5 +111,266 @@ fn products() {
             full.len(),
             dense / sparse
         );
+    }
+}
+
+/// Every map of the asset folder at order 4.
+fn lobes() {
+    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/assets");
+    let assets = std::env::var_os("POSELIGHT_ASSETS").map_or(PathBuf::from(beside), PathBuf::from);
+    let Ok(entries) = std::fs::read_dir(assets.join("env")) else { return };
+    let mut paths: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+    paths.sort();
+    println!(
+        "\n| map, order 4 | projection | residual of 1 lobe | 2 | 3 | 4 | 5 | 6 | 7 | 8 | fit of 3 | of 8 |\n|---|---|---|---|---|---|---|---|---|---|---|---|"
+    );
+    for path in paths {
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        let Ok(picture) = scene::environment(&std::fs::read(&path).unwrap(), &name) else {
+            continue;
+        };
+        let (width, height) = (picture.width, picture.height);
+        let map = EnvironmentMap { width, height, texels: &picture.texels };
+        let start = Instant::now();
+        let (light, _) = map.project(order(4)).unwrap();
+        let projection = start.elapsed().as_secs_f64() * 1e3;
+        let timed = |lobes| {
+            let start = Instant::now();
+            let fit = ZonalLight::fit(&light, lobes);
+            (fit, start.elapsed().as_secs_f64() * 1e3)
+        };
+        let ((_, three), (fit, eight)) = (timed(3), timed(8));
+        let residuals: Vec<String> =
+            fit.residuals().iter().map(|r| format!("{:.2} %", 100.0 * r)).collect();
+        println!(
+            "| {name} {width} × {height} | {projection:.0} ms | {} | {three:.0} ms | {eight:.0} ms |",
+            residuals.join(" | ")
+        );
+    }
+}
+
+fn brdfs() -> Vec<(&'static str, Brdf)> {
+    let half = [0.5; 3];
+    let ggx = |alpha: [f64; 2]| Brdf::Ggx { normal_reflectance: half, alpha };
+    vec![
+        ("Lambert", Brdf::Lambert { albedo: half }),
+        ("Phong, exponent 10", Brdf::Phong { diffuse: [0.3; 3], specular: half, exponent: 10.0 }),
+        ("GGX, α 0.5", ggx([0.5; 2])),
+        ("GGX, α 0.2", ggx([0.2; 2])),
+        ("GGX, α 0.2 and 0.5", ggx([0.2, 0.5])),
+        (
+            "Ashikhmin–Shirley, 10 and 100",
+            Brdf::AshikhminShirley { diffuse: [0.3; 3], specular: half, exponents: [10.0, 100.0] },
+        ),
+    ]
+}
+
+/// Operators: the time of one, and the error of the factored reflectance.
+fn reflection() {
+    println!(
+        "\n| reflectance | operator of 8 terms, order 4 | error, order 4: 1 term | 2 | 4 | 8 | 16 | 8 terms, order 2 | 3 | 6 |\n|---|---|---|---|---|---|---|---|---|---|"
+    );
+    for (name, brdf) in brdfs() {
+        let nodes = if brdf.is_isotropic() { 96 } else { 32 };
+        let start = Instant::now();
+        let factored = factor(&brdf, order(4), nodes).unwrap();
+        let operators = factored.each_ref().map(|colour| colour.operator(8));
+        black_box(Reflector::new(name, &operators, [0.0; 3]));
+        let seconds = start.elapsed().as_secs_f64();
+        let percent = |error: f64| format!("{:.1} %", 100.0 * error);
+        let by_terms = [1, 2, 4, 8, 16].map(|k| percent(factored[0].error(k)));
+        let by_order =
+            [2, 3, 6].map(|n| percent(factor(&brdf, order(n), nodes).unwrap()[0].error(8)));
+        println!(
+            "| {name} | {seconds:.2} s | {} | {} |",
+            by_terms.join(" | "),
+            by_order.join(" | ")
+        );
+    }
+}
+
+/// Points shaded by an operator of 8 terms and order 4 under three lobes, each in its own frame.
+fn shading() {
+    const POINTS: usize = 14_500;
+    let n = order(4);
+    let mut light = ShLight::cone(n, [0.3, 1.0, 0.2], 0.4, [3.0, 2.5, 2.0]).unwrap();
+    light.add(&ShLight::cone(n, [-0.7, 0.2, 0.4], 0.8, [0.3, 0.4, 0.9]).unwrap());
+    light.add(&ShLight::constant(n, [0.1; 3]).unwrap());
+    let lobes = ZonalLight::fit(&light, 3);
+    let mut stream = Stream::new(3);
+    let mut direction = || {
+        let v = Vec3::from([0; 3].map(|_| stream.normal() as f32));
+        v.normalize_or(Vec3::Z)
+    };
+    let points: Vec<(Mat3, Vec3)> = (0..POINTS)
+        .map(|_| {
+            let turn = Quat::from_rotation_arc(direction(), Vec3::Z);
+            (Mat3::from_quat(turn), (direction() + 1.5 * Vec3::Z).normalize())
+        })
+        .collect();
+    let visibility = numbers(16 * POINTS);
+    println!(
+        "\n| 14,500 points, 3 lobes, RGB light | threads | ms | frames per second |\n|---|---|---|---|"
+    );
+    for (name, brdf) in
+        [brdfs()[2], ("Lambert in three colours", Brdf::Lambert { albedo: [0.8, 0.5, 0.2] })]
+    {
+        let operators = factor(&brdf, n, 48).unwrap().map(|colour| colour.operator(8));
+        let reflector = Reflector::new(name, &operators, [0.0; 3]);
+        let shade = |((to_local, view), v): (&(Mat3, Vec3), &[f32])| {
+            let mut light = [[0.0; 16]; 3];
+            let [r, g, b] = &mut light;
+            lobes.in_frame(*to_local, [r, g, b]);
+            reflector.shade(v, [&light[0], &light[1], &light[2]], *view)
+        };
+        let mut out = vec![[0.0; 3]; POINTS];
+        let [one] = best(
+            1,
+            [&mut || {
+                let all = points.iter().zip(visibility.chunks_exact(16));
+                out.iter_mut().zip(all).for_each(|(out, point)| *out = shade(point));
+                black_box(&mut out);
+            }],
+        );
+        let mut out = vec![[0.0; 3]; POINTS];
+        let [two] = best(
+            1,
+            [&mut || {
+                out.par_chunks_mut(500).enumerate().for_each(|(block, out)| {
+                    let first = block * 500;
+                    for (i, out) in out.iter_mut().enumerate() {
+                        let v = &visibility[16 * (first + i)..][..16];
+                        *out = shade((&points[first + i], v));
+                    }
+                });
+                black_box(&mut out);
+            }],
+        );
+        for (threads, time) in [(1, one), (rayon::current_num_threads(), two)] {
+            println!("| {name} | {threads} | {:.2} | {:.0} |", time / 1e3, 1e6 / time);
+        }
+    }
+}
+
+/// Exponentiated sums of logarithms beside the sequential product of the same visibilities and
+/// beside looking, as distances in units of open sky, over random places of the spheres.
+fn shadows() {
+    let n = order(4);
+    let shadows = SphereShadows::new(n);
+    let gamma = TripleProduct::new(n, n, n);
+    let open = (4.0 * PI).sqrt();
+    println!(
+        "\n| spheres, order 4 | exponential to looking | sequential product to looking | exponential to product | exponential | product |\n|---|---|---|---|---|---|"
+    );
+    let mut stream = Stream::new(7);
+    for count in [1, 2, 5, 10, 20, 50, 100, 200] {
+        let mut sums = [0.0; 3];
+        let mut times = [0.0; 2];
+        const PLACES: usize = 12;
+        for _ in 0..PLACES {
+            let spheres: Vec<Sphere> = (0..count)
+                .map(|_| {
+                    let at =
+                        Vec3::from([0; 3].map(|_| stream.normal() as f32)).normalize_or(Vec3::Y);
+                    let far = 1.5 + 3.0 * stream.uniform() as f32;
+                    Sphere { centre: at * far, radius: 1.2 * far / (3.0 + f32::sqrt(count as f32)) }
+                })
+                .collect();
+            let mut exponential = [0.0; 16];
+            let singles: Vec<[f32; 16]> = spheres
+                .iter()
+                .map(|sphere| {
+                    let mut one = [0.0; 16];
+                    shadows.visibility(Vec3::ZERO, std::slice::from_ref(sphere), &mut one);
+                    one
+                })
+                .collect();
+            let mut product = [0.0; 16];
+            let mut next = [0.0; 16];
+            let [a, b] = best(
+                20,
+                [
+                    &mut || shadows.visibility(Vec3::ZERO, black_box(&spheres), &mut exponential),
+                    &mut || {
+                        product = [0.0; 16];
+                        product[0] = open as f32;
+                        for single in black_box(&singles) {
+                            gamma.product(&product, single, &mut next);
+                            product = next;
+                        }
+                    },
+                ],
+            );
+            let looked = look(n, &spheres);
+            let apart = |a: &[f32], b: &[f64]| {
+                a.iter().zip(b).map(|(a, b)| (f64::from(*a) - b).powi(2)).sum::<f64>()
+            };
+            let exact: Vec<f64> = product.iter().map(|&x| f64::from(x)).collect();
+            sums[0] += apart(&exponential, &looked);
+            sums[1] += apart(&product, &looked);
+            sums[2] += apart(&exponential, &exact);
+            times[0] += a / PLACES as f64;
+            times[1] += b / PLACES as f64;
+        }
+        let [a, b, c] = sums.map(|sum| (sum / PLACES as f64).sqrt() / open);
+        println!(
+            "| {count} | {a:.4} | {b:.4} | {c:.4} | {:.2} µs | {:.2} µs |",
+            times[0], times[1]
+        );
+    }
+}
+
+/// Visibility among spheres by 96 · 192 directions.
+fn look(order: Order, spheres: &[Sphere]) -> Vec<f64> {
+    let mut out = vec![0.0; order.coefficients()];
+    let mut y = vec![0.0; order.coefficients()];
+    for (z, weight) in gauss_legendre(96) {
+        for k in 0..192 {
+            let (sin, cos) = (2.0 * PI * (f64::from(k) + 0.5) / 192.0).sin_cos();
+            let r = (1.0 - z * z).sqrt();
+            let direction = [r * cos, r * sin, z];
+            let d = Vec3::from(direction.map(|x| x as f32));
+            let blocked = spheres.iter().any(|sphere| {
+                let along = sphere.centre.dot(d);
+                let aside = sphere.centre.length_squared() - along * along;
+                along > 0.0 && aside < sphere.radius * sphere.radius
+            });
+            if !blocked {
+                evaluate_f64(order, direction, &mut y);
+                let area = weight * 2.0 * PI / 192.0;
+                out.iter_mut().zip(&y).for_each(|(out, y)| *out += area * y);
+            }
+        }
+    }
+    out
+}
+
+/// A field of 512 × 512 at order 4: the time of all points on all threads.
+fn heights() {
+    const SIZE: usize = 512;
+    let bump = |i: usize| {
+        let (x, y) = ((i % SIZE) as f32, (i / SIZE) as f32);
+        12.0 * (x * 0.041).sin() * (y * 0.033).cos() + 3.0 * (x * 0.21 + y * 0.17).sin()
+    };
+    let heights: Vec<f32> = (0..SIZE * SIZE).map(bump).collect();
+    println!(
+        "\n| height field of 512 × 512, order 4 | pyramid | all points, {} threads |\n|---|---|---|",
+        rayon::current_num_threads()
+    );
+    for azimuths in [16, 32] {
+        let shadows = HorizonShadows::new(order(4), azimuths);
+        let start = Instant::now();
+        let field = HeightField::new(SIZE, SIZE, 1.0, &heights).unwrap();
+        let pyramid = start.elapsed().as_secs_f64();
+        let mut out = vec![0.0; 16 * SIZE * SIZE];
+        let start = Instant::now();
+        out.par_chunks_mut(16 * SIZE).enumerate().for_each(|(row, out)| {
+            for (column, out) in out.chunks_exact_mut(16).enumerate() {
+                shadows.visibility(&field, column, row, out);
+            }
+        });
+        black_box(&out);
+        let all = start.elapsed().as_secs_f64();
+        println!("| {azimuths} azimuths | {:.0} ms | {:.2} s |", pyramid * 1e3, all);
     }
 }

@@ -12,7 +12,7 @@
 //! | 1 | [`sh`] | spherical harmonics: basis, index, rotation, products, zonal |
 //! | 2 | [`rig`] | skeleton, skinning, pose parameters |
 //! | 3 | [`model`] | encoder and linear decoder, evaluation, light folding, the blob |
-//! | 4 | [`shade`] | lights as spherical harmonics |
+//! | 4 | [`shade`] | lights as spherical harmonics, reflectances as product operators, shadows of spheres |
 //! | 5 | `scene` | glTF and OBJ import, environment maps |
 //! | 6 | `pose` | clip sampling |
 //! | 7 | `trace` | Embree behind safe types |

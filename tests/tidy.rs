@@ -36,7 +36,7 @@ const PLACES: [(&str, &[&str]); 9] = [
     ("clap", &["cli/"]),
     ("anyhow", &["cli/", "main.rs"]),
     ("indicatif", &["cli/"]),
-    ("safetensors", &["model/"]),
+    ("safetensors", &["model/", "shade/"]),
 ];
 
 /// Lines of a file without its tests.

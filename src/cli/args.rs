@@ -5,8 +5,6 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub(crate) use super::fit_args::{FitCommandArgs, FitFlags};
-pub(crate) use super::light_args::{LightArgs, WindowArg};
-pub(crate) use super::still_args::StillArgs;
 use super::surroundings::SurroundingsFlags;
 use crate::pipeline::recipe::{ParametrisationName, Recipe, SignalName};
 
@@ -66,10 +64,12 @@ pub(crate) enum Command {
     /// Write a model's values at one pose into the scene's GLB, as vertex attributes.
     Apply(ApplyArgs),
     /// Print an environment light as spherical harmonics, also as engines take it.
-    Light(LightArgs),
+    Light(super::light_args::LightArgs),
+    /// Make a reflection operator of a reflectance.
+    Brdf(super::light_args::BrdfArgs),
     /// Render a picture: a scene by rays, or a model beside them.
     #[command(args_override_self = true)]
-    Still(StillArgs),
+    Still(super::still_args::StillArgs),
     /// Print the JSON Schema of the recipe.
     Schema,
     /// Serve jobs, models and evaluation over HTTP.

@@ -1,4 +1,4 @@
-//! The arguments of `poselight light`.
+//! The arguments of `poselight light` and `poselight brdf`.
 
 use std::path::PathBuf;
 
@@ -39,4 +39,25 @@ pub(crate) enum WindowArg {
     Lanczos,
     /// 1/(1 + size·l²(l+1)²).
     Laplacian,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct BrdfArgs {
+    /// `lambert:ALBEDO` (one or three), `phong:DIFFUSE,SPECULAR,EXPONENT`, `ggx:F0,ALPHA` with a
+    /// second alpha along the bitangent or without, `ashikhmin-shirley:DIFFUSE,SPECULAR,NU,NV`, or a
+    /// file in the binary format of MERL.
+    #[arg(value_name = "BRDF")]
+    pub(crate) source: String,
+    /// Order of the visibility and light that it meets, 1 to 10.
+    #[arg(long, value_name = "N", default_value_t = 4)]
+    pub(crate) order: u8,
+    /// Terms that are kept, 1 to the square of the order.
+    #[arg(long, value_name = "K", default_value_t = 8)]
+    pub(crate) terms: usize,
+    /// Also state the error of every number of terms at every order.
+    #[arg(long)]
+    pub(crate) curve: bool,
+    /// The operator to write.
+    #[arg(short, long, value_name = "OUT.safetensors")]
+    pub(crate) output: PathBuf,
 }

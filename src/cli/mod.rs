@@ -120,6 +120,7 @@ fn run(command: Command, watch: &Watch) -> anyhow::Result<Answer> {
         Command::Evaluate(args) => commands::evaluate(&args),
         Command::Run(args) => commands::run(&args, watch),
         Command::Apply(args) => commands::apply(&args),
+        Command::Brdf(args) => commands::brdf(&args),
         Command::Light(args) => commands::light(&args),
         Command::Still(args) => commands::still(&args),
         Command::Schema => commands::schema(),

@@ -33,6 +33,10 @@ pub(crate) struct StillArgs {
     /// Order of the light's harmonics, 1 to 10; a model's own when one is shown.
     #[arg(long, value_name = "N", default_value_t = 6)]
     pub(crate) order: u8,
+    /// Shade by an isotropic reflectance in closed form, as `poselight brdf` reads it; beside it goes
+    /// a model of visibility [default: white].
+    #[arg(long, value_name = "BRDF", requires = "light")]
+    pub(crate) brdf: Option<String>,
     /// Stops of exposure; at 0 the brightest open white surface is white.
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
     pub(crate) exposure: f32,

@@ -9,6 +9,7 @@ use crate::measure::report::{
 };
 use crate::model::{Model, Precision};
 
+use super::report_stills::stills;
 use super::run::headline_rms;
 use super::{Figures, Job, ReferenceSettings, rays_per_point, reference_notice};
 
@@ -50,6 +51,7 @@ pub(super) fn page(
             triangles: &mesh.triangles,
             point_of_vertex: &mesh.point_of_vertex,
         }),
+        stills: stills(job, model, &figures.measured),
         left_out: left_out(job),
         target: settings
             .max_error

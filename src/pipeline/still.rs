@@ -1,49 +1,22 @@
 //! Stills: a scene at poses, by rays and by a model, as one picture.
 
+mod settings;
+
 use glam::{DQuat, Vec3};
 
 use super::evaluate::{EvaluateError, Light as ModelLight, Query};
 use super::recipe_of_model;
+use super::still_glossy::radiance;
 use crate::model::{Model, Signal};
 use crate::pose;
 use crate::render::{Camera, Image, Light, Panel, Picture, Stage, captioned, sheet};
 use crate::rig::{self, Deformed, Pose, RigidFrame};
 use crate::scene::{Clip, Scene};
 use crate::sh::Order;
-use crate::shade::ShLight;
+use crate::shade::{Brdf, Reflectance, Reflector, ShLight, factor};
 use crate::trace;
-
-/// Pixels of a side of one panel, least and most.
-pub const STILL_SIZES: [u32; 2] = [16, 4096];
-
-/// The most frames of a sheet.
-pub const MOST_STILL_FRAMES: usize = 64;
-
-/// The most pixels of all panels together.
-const MOST_PIXELS: usize = 64 << 20;
-
-/// What is to be seen.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Still<'a> {
-    /// The clip; the rest pose when absent.
-    pub clip: Option<&'a str>,
-    /// Seconds into the clip, a frame each; not looked at without a clip.
-    pub times_s: Vec<f32>,
-    /// Where from: degrees about +Y, from +Z towards +X, and degrees upwards.
-    pub view: [f32; 2],
-    /// Pixels across and down of one panel.
-    pub size: [u32; 2],
-    /// Samples of a pixel, across and down, 1 to 8.
-    pub samples: u32,
-    /// Rays of each sample of the truth, 2 to 65,536.
-    pub rays: u32,
-    /// A panel of the difference for each, which shows 1/gain as the end of the scale.
-    pub gains: Vec<f32>,
-    /// An environment fixed in the scene; ambient occlusion when absent.
-    pub light: Option<ShLight>,
-    /// Stops of brightness; at 0 the brightest open white surface is white.
-    pub exposure_stops: f32,
-}
+use settings::check;
+pub use settings::{MOST_STILL_FRAMES, STILL_SIZES, Still, StillError};
 
 /// A picture and what is to be said of it.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,46 +30,6 @@ pub struct StillPicture {
     pub differences: Vec<Option<f32>>,
     /// Sentences for the user.
     pub notices: Vec<String>,
-}
-
-/// Why a still cannot be made.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum StillError {
-    /// The model's objection.
-    #[error(transparent)]
-    Evaluate(#[from] EvaluateError),
-    /// The tracer's objection.
-    #[error("frame {frame}: {source}")]
-    Trace {
-        /// Counted from 0.
-        frame: usize,
-        /// What it says.
-        source: trace::Error,
-    },
-    /// A time outside of the clip.
-    #[error("clip `{clip}` lasts from 0 to {duration_s} s, so there is no time {time_s}")]
-    Time {
-        /// The clip.
-        clip: String,
-        /// Its length.
-        duration_s: f32,
-        /// What was asked for.
-        time_s: f32,
-    },
-    /// A number out of its range.
-    #[error("{what} is {found}; it must be {range}")]
-    Setting {
-        /// Which.
-        what: &'static str,
-        /// Given.
-        found: String,
-        /// What is allowed.
-        range: &'static str,
-    },
-    /// Ambient occlusion under a light.
-    #[error("the model holds ambient occlusion, which meets no light; leave the light out")]
-    AmbientOnly,
 }
 
 /// One frame's mesh, scene frame, and pose.
@@ -124,10 +57,16 @@ pub fn still(
     }
     let maximum = model.and_then(|model| recipe_of_model(model).ok());
     let maximum = maximum.and_then(|recipe| recipe.bake.max_distance_m);
-    let light = settings.light.as_ref().map(|light| {
-        let order = model.and_then(|model| Order::new(model.header().order).ok());
-        order.map_or_else(|| light.clone(), |order| light.resized(order))
-    });
+    let order = model.and_then(|model| Order::new(model.header().order).ok());
+    let light = settings
+        .light
+        .as_ref()
+        .map(|light| order.map_or_else(|| light.clone(), |order| light.resized(order)));
+    let brdf = reflectance(model, settings)?;
+    let reflector = match (brdf, order) {
+        (Some(brdf), Some(order)) => Some(reflector(&brdf, order)?),
+        _ => None,
+    };
     let look = Look {
         scene,
         model,
@@ -135,6 +74,8 @@ pub fn still(
         camera: Camera::around(bounds(&frames), settings.view.map(f32::to_radians), settings.size),
         exposure: exposure(light.as_ref(), settings.exposure_stops),
         light,
+        brdf,
+        reflector,
         has_truth: untold.is_none(),
         max_distance_m: maximum,
     };
@@ -161,6 +102,9 @@ struct Look<'a> {
     settings: &'a Still<'a>,
     camera: Camera,
     light: Option<ShLight>,
+    brdf: Option<Brdf>,
+    /// For a model of visibility.
+    reflector: Option<Reflector>,
     exposure: f32,
     has_truth: bool,
     max_distance_m: Option<f32>,
@@ -178,13 +122,19 @@ impl Look<'_> {
         let stage = Stage::new(device, positions, normals, triangles, self.max_distance_m)
             .map_err(|source| StillError::Trace { frame: index, source })?;
         let Still { samples, rays, .. } = *self.settings;
-        let light = self.light.clone().map_or(Light::Ambient, Light::Environment);
-        let truth = self.has_truth.then(|| stage.truth(&self.camera, samples, rays, &light));
+        let truth = self.has_truth.then(|| match (&self.brdf, self.light.clone()) {
+            (Some(brdf), light) => {
+                let light = light.unwrap_or_else(|| white(Order::new(1).expect("order 1")));
+                stage.reflected(&self.camera, (samples, rays), &light, brdf)
+            }
+            (None, None) => stage.truth(&self.camera, samples, rays, &Light::Ambient),
+            (None, Some(light)) => {
+                stage.truth(&self.camera, samples, rays, &Light::Environment(light))
+            }
+        });
         let image = match self.model {
             None => None,
-            Some(model) => {
-                Some(stage.show(&self.camera, samples, &self.values(model, &frame.pose)?))
-            }
+            Some(model) => Some(stage.show(&self.camera, samples, &self.values(model, frame)?)),
         };
         let difference = match (&image, &truth) {
             (Some(image), Some(truth)) => Some(self.exposure * image.rms_difference(truth)),
@@ -218,20 +168,28 @@ impl Look<'_> {
     }
 
     /// One or three colours at each vertex.
-    fn values(&self, model: &Model, pose: &Pose) -> Result<Vec<f32>, StillError> {
-        let query = Query::from_pose(model, self.scene, pose)?;
+    fn values(&self, model: &Model, frame: &Posed) -> Result<Vec<f32>, StillError> {
+        let query = Query::from_pose(model, self.scene, &frame.pose)?;
         let mut out = Vec::new();
         if model.header().signal == Signal::Ao {
+            if self.light.is_some() {
+                return Err(StillError::AmbientOnly);
+            }
             query.values(model, None, None, &mut out)?;
             return Ok(out);
         }
         let order = Order::new(model.header().order).expect("a model's header is checked");
+        if let Some(reflector) = &self.reflector {
+            let light = self.light.clone().unwrap_or_else(|| white(order));
+            let (of_model, eye) = ((model, &query), self.camera.eye());
+            return Ok(radiance(of_model, &frame.mesh, (&light, reflector), eye)?);
+        }
         let light = match &self.light {
             Some(light) => {
                 let root = query.root_frame(model)?.rotation;
                 light.rotated(DQuat::from_array(root.to_array().map(f64::from)).inverse())
             }
-            None => ShLight::constant(order, [1.0; 3]).unwrap_or_else(|_| ShLight::black(order)),
+            None => white(order),
         };
         let colour = |colour: &Vec<f64>| colour.iter().map(|&value| value as f32).collect();
         let colours = light.colours().iter().map(colour).collect();
@@ -240,38 +198,35 @@ impl Look<'_> {
     }
 }
 
-fn check(settings: &Still<'_>, with_model: bool) -> Result<(), StillError> {
-    let setting = |what, found: String, range| Err(StillError::Setting { what, found, range });
-    let [low, high] = STILL_SIZES;
-    if let Some(side) = settings.size.iter().find(|side| !(low..=high).contains(side)) {
-        return setting("a side of the picture", side.to_string(), "16 to 4096 pixels");
+/// Radiance 1 from everywhere.
+fn white(order: Order) -> ShLight {
+    ShLight::constant(order, [1.0; 3]).expect("1 is a radiance")
+}
+
+/// The reflectance of a still: as it is asked for, white Lambert for a model of visibility, else
+/// none, which shades by transfer.
+fn reflectance(model: Option<&Model>, settings: &Still<'_>) -> Result<Option<Brdf>, StillError> {
+    let signal = model.map(|model| model.header().signal);
+    if let Some(brdf) = settings.brdf
+        && !brdf.is_isotropic()
+    {
+        let found = format!("{brdf:?}");
+        let range = "isotropic: a still knows no tangents";
+        return Err(StillError::Setting { what: "the reflectance", found, range });
     }
-    if !(1..=8).contains(&settings.samples) {
-        return setting("samples", settings.samples.to_string(), "1 to 8 across a pixel");
+    match (signal, settings.brdf) {
+        (Some(signal), Some(_)) if signal != Signal::Visibility => {
+            Err(StillError::NeedsVisibility { signal: signal.name() })
+        }
+        (Some(Signal::Visibility), None) => Ok(Some(Brdf::Lambert { albedo: [1.0; 3] })),
+        (_, brdf) => Ok(brdf),
     }
-    if !(2..=65_536).contains(&settings.rays) {
-        return setting("rays", settings.rays.to_string(), "2 to 65536");
-    }
-    let frames = if settings.clip.is_some() { settings.times_s.len() } else { 1 };
-    if !(1..=MOST_STILL_FRAMES).contains(&frames) {
-        return setting("the number of frames", frames.to_string(), "1 to 64");
-    }
-    if let Some(gain) = settings.gains.iter().find(|gain| !(**gain >= 0.1 && **gain <= 1000.0)) {
-        return setting("a gain", gain.to_string(), "0.1 to 1000");
-    }
-    let [yaw, pitch] = settings.view;
-    if !(yaw.is_finite() && (-89.0..=89.0).contains(&pitch)) {
-        return setting("the view", format!("{yaw}, {pitch}"), "any yaw and a pitch of -89 to 89");
-    }
-    if !settings.exposure_stops.is_finite() || settings.exposure_stops.abs() > 30.0 {
-        return setting("the exposure", settings.exposure_stops.to_string(), "-30 to 30 stops");
-    }
-    let panels = frames * if with_model { 2 + settings.gains.len() } else { 1 };
-    let pixels = panels * settings.size.iter().map(|s| *s as usize).product::<usize>();
-    if pixels > MOST_PIXELS {
-        return setting("the picture", format!("{pixels} pixels"), "of at most 67108864 pixels");
-    }
-    Ok(())
+}
+
+/// Eight terms of an operator, or as many as there are.
+fn reflector(brdf: &Brdf, order: Order) -> Result<Reflector, StillError> {
+    let operators = factor(brdf, order, 96)?.map(|colour| colour.operator(8));
+    Ok(Reflector::new("still", &operators, [0.0; 3]))
 }
 
 /// The posed meshes, in the scene's own frame.

@@ -1,13 +1,13 @@
 //! A posed mesh that can be looked at, and what its surface shows.
 
-use glam::Vec3;
+use glam::{Mat3, Quat, Vec3};
 use rayon::prelude::*;
 
 use super::Camera;
 use crate::num::directions::{Density, Directions};
 use crate::num::random::hash;
 use crate::sh::{MAX_COEFFICIENTS, Order, evaluate, zonal};
-use crate::shade::ShLight;
+use crate::shade::{Brdf, Reflectance, ShLight};
 use crate::trace::{Device, Error, Hit, Rays, Scene, words_of};
 
 /// Sets of directions that neighbouring pixels choose from.
@@ -127,6 +127,68 @@ impl<'a> Stage<'a> {
             let (origin, normal) = self.start(site);
             shader.shade(self, &directions, origin, normal, key)
         })
+    }
+
+    /// Radiance towards the camera of a surface with an isotropic reflectance, by rays as in
+    /// [`Self::truth`], with nothing known beforehand: ∫ V L f (n·ω)₊ dω.
+    ///
+    /// # Panics
+    /// If `samples` is 0.
+    #[must_use]
+    pub fn reflected(
+        &self,
+        camera: &Camera,
+        (samples, rays): (u32, u32),
+        light: &ShLight,
+        brdf: &Brdf,
+    ) -> Image {
+        let half = rays.max(2).div_ceil(2) as usize;
+        let directions = Directions::new(Density::Cosine, SETS, half, 1);
+        let order = light.order();
+        let radiance: Vec<[f32; 3]> = (0..order.coefficients())
+            .map(|i| light.coefficient(i).map(|value| value as f32))
+            .collect();
+        self.image(camera, samples, |site, key| {
+            let (origin, normal) = self.start(site);
+            let frame = Mat3::from_quat(Quat::from_rotation_arc(normal, Vec3::Z));
+            let local = |d: Vec3| (frame * d).as_dvec3().normalize_or_zero().to_array();
+            let outgoing = local((camera.eye() - origin).normalize_or_zero());
+            let (world, blocked) = self.cast(&directions, origin, normal, key);
+            let mut sum = [0.0; 3];
+            let open = (0..world.len()).filter(|&i| !is_set(&blocked, i));
+            for direction in open.map(|i| world[i]) {
+                let incoming = at(order, &radiance, direction);
+                let f = brdf.reflect(local(direction), outgoing);
+                let share = std::f32::consts::PI / world.len() as f32;
+                for (sum, (l, f)) in sum.iter_mut().zip(incoming.iter().zip(f)) {
+                    *sum += share * l * f as f32;
+                }
+            }
+            sum
+        })
+    }
+
+    /// Rays over the hemisphere of a place, by cosine: where they go and which of them are blocked.
+    fn cast(
+        &self,
+        directions: &Directions,
+        origin: Vec3,
+        normal: Vec3,
+        key: u64,
+    ) -> (Vec<Vec3>, Vec<u64>) {
+        let set = directions.set((key % SETS as u64) as usize);
+        let turn = (key >> 32) as f32 / 4_294_967_296.0 * std::f32::consts::TAU;
+        let (a, b) = normal.any_orthonormal_pair();
+        let (sin, cos) = turn.sin_cos();
+        let (tangent, bitangent) = (a * cos + b * sin, b * cos - a * sin);
+        let world: Vec<Vec3> = (0..set.x.len())
+            .map(|i| tangent * set.x[i] + bitangent * set.y[i] + normal * set.z[i])
+            .collect();
+        let [x, y, z] = by_axis(&world);
+        let rays = Rays { origin, x: &x, y: &y, z: &z, near: 0.0, far: self.far };
+        let mut blocked = vec![0_u64; words_of(world.len())];
+        self.scene.occluded(&rays, &mut blocked);
+        (world, blocked)
     }
 
     /// Averages what `value` says over a grid of samples in each pixel; it is also given a number
@@ -256,18 +318,7 @@ impl Shader {
         normal: Vec3,
         key: u64,
     ) -> [f32; 3] {
-        let set = directions.set((key % SETS as u64) as usize);
-        let turn = (key >> 32) as f32 / 4_294_967_296.0 * std::f32::consts::TAU;
-        let (a, b) = normal.any_orthonormal_pair();
-        let (sin, cos) = turn.sin_cos();
-        let (tangent, bitangent) = (a * cos + b * sin, b * cos - a * sin);
-        let world: Vec<Vec3> = (0..set.x.len())
-            .map(|i| tangent * set.x[i] + bitangent * set.y[i] + normal * set.z[i])
-            .collect();
-        let [x, y, z] = by_axis(&world);
-        let rays = Rays { origin, x: &x, y: &y, z: &z, near: 0.0, far: stage.far };
-        let mut blocked = vec![0_u64; words_of(world.len())];
-        stage.scene.occluded(&rays, &mut blocked);
+        let (world, blocked) = stage.cast(directions, origin, normal, key);
         let share = 1.0 / world.len() as f32;
         match self {
             Self::Ambient => {
@@ -277,7 +328,7 @@ impl Shader {
             Self::Environment { order, radiance, reflected } => {
                 let mut seen = at(*order, reflected, normal);
                 for (i, &direction) in world.iter().enumerate() {
-                    if blocked[i / 64] >> (i % 64) & 1 == 1 {
+                    if is_set(&blocked, i) {
                         let lost = at(*order, radiance, direction);
                         seen.iter_mut().zip(lost).for_each(|(seen, lost)| *seen -= share * lost);
                     }
@@ -286,6 +337,10 @@ impl Shader {
             }
         }
     }
+}
+
+fn is_set(bits: &[u64], i: usize) -> bool {
+    bits[i / 64] >> (i % 64) & 1 == 1
 }
 
 fn by_axis(directions: &[Vec3]) -> [Vec<f32>; 3] {

@@ -66,6 +66,24 @@ pub enum Error {
         /// Given.
         found: f64,
     },
+    /// A height field that is none.
+    #[error(
+        "a height field of {width} × {height} with {found} heights, {bad} of them not finite, \
+         {cell_m} m apart: it needs as many finite heights as its size says, up to 67,108,864, and \
+         a distance above 0"
+    )]
+    Heights {
+        /// Columns.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// Heights given.
+        found: usize,
+        /// Of these NaN or infinite.
+        bad: usize,
+        /// Metres between neighbours.
+        cell_m: f32,
+    },
     /// A number that no surface has.
     #[error("the {what} of a reflectance is from {least} to {most}, not {found}")]
     Reflectance {

@@ -3,7 +3,7 @@
 use anyhow::ensure;
 use serde_json::{Value, json};
 
-use crate::cli::args::{LightArgs, WindowArg};
+use crate::cli::light_args::{LightArgs, WindowArg};
 use crate::cli::light_source::{LightSource, read_light};
 use crate::cli::{Answer, files};
 use crate::sh::Order;

@@ -2,6 +2,7 @@
 
 mod apply;
 mod bake;
+mod brdf;
 mod evaluate;
 mod fit;
 mod inspect;
@@ -16,6 +17,7 @@ mod tradeoff;
 
 pub(super) use apply::apply;
 pub(super) use bake::bake;
+pub(super) use brdf::brdf;
 pub(super) use evaluate::evaluate;
 pub(super) use fit::fit;
 pub(super) use inspect::inspect;

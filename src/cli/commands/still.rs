@@ -2,9 +2,10 @@
 
 use serde_json::json;
 
+use super::brdf::read_analytic;
 use crate::cli::Answer;
-use crate::cli::args::StillArgs;
 use crate::cli::light_source::read_light;
+use crate::cli::still_args::StillArgs;
 use crate::pipeline::{self, Still, StillPicture, files};
 use crate::sh::Order;
 
@@ -32,6 +33,7 @@ pub(in crate::cli) fn still(args: &StillArgs) -> anyhow::Result<Answer> {
         rays: args.rays,
         gains: if args.gain.is_empty() { vec![4.0] } else { args.gain.clone() },
         light: light.as_ref().map(|read| read.light.clone()),
+        brdf: args.brdf.as_deref().map(read_analytic).transpose()?,
         exposure_stops: args.exposure,
     };
     let made = pipeline::still(&scene, model.as_ref(), &settings)?;
@@ -67,6 +69,7 @@ fn answer(
         "height": height,
         "clip": args.clip,
         "light": args.light,
+        "brdf": args.brdf,
         "exposure": made.exposure,
         "gains": settings.gains,
         "frames": frames,

@@ -3,6 +3,7 @@
 
 use glam::Vec3;
 
+use super::ReportStill;
 use crate::measure::{Measured, Split};
 
 /// Everything on the page.
@@ -29,6 +30,8 @@ pub struct ReportInput<'a> {
     pub times: Times,
     /// The mesh at rest, for the picture; `None` leaves the picture out.
     pub rest: Option<RestMesh<'a>>,
+    /// The model beside its truth; empty where there is none to show.
+    pub stills: Vec<ReportStill>,
     /// What the fit did not use.
     pub left_out: LeftOut,
     /// What the error was to be, where that was stated.

@@ -11,6 +11,7 @@ mod input;
 mod residuals;
 mod scatter;
 mod spectrum;
+mod stills;
 mod svg;
 #[cfg(test)]
 mod tests;
@@ -21,6 +22,7 @@ pub use input::{
     Times,
 };
 pub use scatter::{Place, Scatter, scatter};
+pub use stills::ReportStill;
 
 use super::Split;
 use text::escape;
@@ -31,6 +33,12 @@ use text::escape;
 pub fn html(input: &ReportInput<'_>) -> String {
     let sections = [
         section("Where it errs", "", &facts::worst(input)),
+        section(
+            "Beside the truth",
+            "The model, the same pose by rays at every pixel, and how far they are apart: ambient \
+             occlusion of the split above, in the frames where the model is worst, middling and best.",
+            &stills::figures(&input.stills),
+        ),
         section(curves_heading(input), curves_lead(input), &curve::figures(input.measured)),
         section(
             "Every figure",
@@ -51,7 +59,7 @@ pub fn html(input: &ReportInput<'_>) -> String {
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"/>\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\
-         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\"/>\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; img-src data:\"/>\
          <title>{} – Poselight report</title><style>{}</style></head><body><main>{}{}</main></body></html>\n",
         escape(input.title),
         include_str!("style.css"),

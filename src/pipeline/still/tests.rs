@@ -1,10 +1,13 @@
+use std::sync::LazyLock;
+
 use super::*;
 use crate::scene::{Limits, Source, figure, import_sources};
 
-fn scene() -> Scene {
+/// Made once: building the figure takes longer than any picture here.
+static SCENE: LazyLock<Scene> = LazyLock::new(|| {
     let source = Source { name: "figure.glb".into(), bytes: figure::figure() };
     import_sources(vec![source], &Limits::default()).expect("the bundled figure")
-}
+});
 
 fn settings<'a>() -> Still<'a> {
     Still {
@@ -16,6 +19,7 @@ fn settings<'a>() -> Still<'a> {
         rays: 16,
         gains: vec![4.0],
         light: None,
+        brdf: None,
         exposure_stops: 0.0,
     }
 }
@@ -24,29 +28,29 @@ fn settings<'a>() -> Still<'a> {
 /// moment; more stops are brighter, and a light's white is its brightest open surface.
 #[test]
 fn a_scene_alone_is_shaded_by_rays() {
-    let scene = scene();
-    let one = still(&scene, None, &settings()).expect("rendered");
+    let scene = &*SCENE;
+    let one = still(scene, None, &settings()).expect("rendered");
     assert_eq!(one.differences, [None]);
     let clip = scene.clips[0].name.clone();
-    let times_s = spread_times(&scene, &clip, 4).expect("times");
+    let times_s = spread_times(scene, &clip, 4).expect("times");
     assert_eq!((times_s[0], times_s[3]), (0.0, scene.clips[0].duration_s));
     let order = Order::new(3).expect("order");
     let light = ShLight::directional(order, [0.0, 1.0, 0.0], [8.0; 3]).expect("light");
     let lit = Still { clip: Some(&clip), times_s, light: Some(light), ..settings() };
-    let four = still(&scene, None, &lit).expect("rendered");
+    let four = still(scene, None, &lit).expect("rendered");
     assert_eq!(four.differences.len(), 4);
     assert!(four.picture.width() > 2 * 24 && four.picture.height() > 2 * 24);
-    let brighter = still(&scene, None, &Still { exposure_stops: 1.0, ..lit }).expect("rendered");
+    let brighter = still(scene, None, &Still { exposure_stops: 1.0, ..lit }).expect("rendered");
     assert!((brighter.exposure / four.exposure - 2.0).abs() < 1e-5);
 }
 
 /// Numbers out of range, unknown clips and times past the end are refused by name.
 #[test]
 fn wrong_settings_are_refused() {
-    let scene = scene();
+    let scene = &*SCENE;
     let clip = scene.clips[0].name.clone();
     let refused = |settings: Still<'_>, word: &str| {
-        let message = still(&scene, None, &settings).expect_err(word).to_string();
+        let message = still(scene, None, &settings).expect_err(word).to_string();
         assert!(message.contains(word), "{message}");
     };
     refused(Still { size: [8, 24], ..settings() }, "16 to 4096");
@@ -54,6 +58,8 @@ fn wrong_settings_are_refused() {
     refused(Still { rays: 1, ..settings() }, "rays");
     refused(Still { gains: vec![f32::NAN], ..settings() }, "gain");
     refused(Still { view: [0.0, 90.0], ..settings() }, "pitch");
+    let grained = Brdf::Ggx { normal_reflectance: [0.5; 3], alpha: [0.1, 0.3] };
+    refused(Still { brdf: Some(grained), ..settings() }, "tangents");
     refused(Still { exposure_stops: f32::NAN, ..settings() }, "exposure");
     refused(Still { clip: Some("fly"), times_s: vec![0.0], ..settings() }, "fly");
     refused(Still { clip: Some(&clip), times_s: vec![1e9], ..settings() }, "no time");

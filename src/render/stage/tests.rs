@@ -133,3 +133,21 @@ fn truth_agrees_with_a_plain_sum() {
         assert!((a - b).abs() < 0.004, "{found:?} {sum:?}");
     }
 }
+
+/// A Lambert surface as a reflectance is the diffuse truth of a white one times its albedo, to the
+/// noise of its rays.
+#[test]
+fn lambert_reflects_as_the_diffuse_truth() {
+    let (positions, triangles) = sphere(3);
+    let device = Device::new().unwrap();
+    let stage = Stage::new(&device, &positions, &positions, &triangles, None).unwrap();
+    let light = ShLight::cone(Order::new(3).unwrap(), [0.0, 1.0, 0.5], 0.9, [1.0; 3]).unwrap();
+    let lambert = Brdf::Lambert { albedo: [0.5, 0.25, 1.0] };
+    let found = stage.reflected(&camera(8), (1, 1024), &light, &lambert);
+    let expected = stage.truth(&camera(8), 1, 2, &Light::Environment(light));
+    for (a, b) in found.values.iter().zip(&expected.values) {
+        for (a, b) in a.iter().zip([0.5 * b[0], 0.25 * b[1], b[2]]) {
+            assert!((a - b).abs() < 0.005, "{a} {b}");
+        }
+    }
+}

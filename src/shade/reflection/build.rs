@@ -1,0 +1,254 @@
+//! Making operators of a reflectance.
+//!
+//! The cosine-weighted reflectance is projected on both sides first and factored then, the other way
+//! round than the published order (table, factors, projection): what is projected is all that an
+//! operator can hold, so the k factors kept are the best k there are (Eckart and Young), all n² of
+//! them are exact, and the matrix to be decomposed has n² columns instead of thousands.
+
+use std::f64::consts::{PI, TAU};
+
+use faer::Mat;
+
+use super::ReflectionOperator;
+use crate::num::linalg::{NoConvergence, product, rows_of, symmetric_eigen, thin_svd};
+use crate::sh::{MAX_COEFFICIENTS, Order, evaluate_f64, gauss_legendre, hemisphere_gram_pole};
+use crate::shade::brdf::Reflectance;
+
+/// Functions of the view that are smaller than this over the upper hemisphere, squared and beside
+/// their size over the sphere, are left to the lower one.
+const LEAST: f64 = 1e-7;
+
+/// A reflectance of one colour, projected and factored.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Factored {
+    order: Order,
+    light_order: Order,
+    /// `[b][i]`, all of them, strongest first; view factors have norm 1 over the hemisphere.
+    light: Vec<f64>,
+    view: Vec<f64>,
+    /// Singular values.
+    strengths: Vec<f64>,
+    /// ∫∫ (f cos θ_i)² dω_i dω_o.
+    energy: f64,
+}
+
+impl Factored {
+    /// ‖f cos − Σ_{b<k} U_b W_b‖ / ‖f cos‖ over all pairs of directions: what the bands of this
+    /// order cannot hold and what the terms after k would have added.
+    #[must_use]
+    pub fn error(&self, terms: usize) -> f64 {
+        let kept: f64 = self.strengths.iter().take(terms).map(|s| s * s).sum();
+        if self.energy > 0.0 { ((self.energy - kept).max(0.0) / self.energy).sqrt() } else { 0.0 }
+    }
+
+    /// The most terms that there are: n².
+    #[must_use]
+    pub fn most_terms(&self) -> usize {
+        self.strengths.len()
+    }
+
+    /// The operator of the strongest `terms` terms, or of all there are.
+    #[must_use]
+    pub fn operator(&self, terms: usize) -> ReflectionOperator {
+        let terms = terms.clamp(1, self.most_terms());
+        let light = &self.light[..terms * self.light_order.coefficients()];
+        let view = &self.view[..terms * self.order.coefficients()];
+        ReflectionOperator::new(self.order, self.light_order, light, view)
+    }
+}
+
+/// Projects and factors the three colours of a reflectance for visibility and light of an order.
+/// Integrals are products of `nodes` Gauss–Legendre elevations on each side; azimuths take twice as
+/// many. Light factors get order 2n − 1, at most 10, which is what a product of two functions of
+/// order n can see of them.
+///
+/// # Errors
+/// [`NoConvergence`] of the decomposition, which finite numbers are not known to cause.
+pub fn factor(
+    reflectance: &impl Reflectance,
+    order: Order,
+    nodes: usize,
+) -> Result<[Factored; 3], NoConvergence> {
+    let most = Order::new(crate::sh::MAX_BANDS as u8).unwrap_or(order);
+    let light_order = Order::new(2 * order.get() - 1).unwrap_or(most);
+    let projected = if reflectance.is_isotropic() {
+        isotropic(reflectance, order, light_order, nodes)
+    } else {
+        anisotropic(reflectance, order, light_order, nodes)
+    };
+    let mut out = Vec::with_capacity(3);
+    for Projected { matrix, energy } in projected {
+        out.push(decompose(&matrix, energy, order, light_order)?);
+    }
+    Ok(<[Factored; 3]>::try_from(out).expect("three colours went in"))
+}
+
+/// F_ij = ∫∫ f cos θ_i y_i(ω_i) y_j(ω_o), `[i][j]`, and the energy before projection.
+struct Projected {
+    matrix: Vec<f64>,
+    energy: f64,
+}
+
+fn empty(order: Order, light_order: Order) -> [Projected; 3] {
+    std::array::from_fn(|_| Projected {
+        matrix: vec![0.0; light_order.coefficients() * order.coefficients()],
+        energy: 0.0,
+    })
+}
+
+/// Elevations over the hemisphere as (sine, cosine, weight in cosine).
+fn elevations(nodes: usize) -> Vec<[f64; 3]> {
+    let all = gauss_legendre(nodes).into_iter();
+    all.map(|(x, weight)| {
+        let z = 0.5 + 0.5 * x;
+        [(1.0 - z * z).sqrt(), z, 0.5 * weight]
+    })
+    .collect()
+}
+
+/// With f a function of the azimuths' difference Δ alone, and even in it, the integral over both
+/// azimuths is (1 + δ_m0) π ∫ f cos mΔ dΔ where both harmonics have the same degree m (of either
+/// sign), and 0 elsewhere.
+fn isotropic(
+    reflectance: &impl Reflectance,
+    order: Order,
+    light_order: Order,
+    nodes: usize,
+) -> [Projected; 3] {
+    let mut out = empty(order, light_order);
+    let around = 2 * nodes;
+    let step = TAU / around as f64;
+    let meridian = |[sin, cos, _]: [f64; 3]| {
+        let mut y = [0.0; MAX_COEFFICIENTS];
+        evaluate_f64(light_order.max(order), [sin, 0.0, cos], &mut y);
+        y
+    };
+    let elevations = elevations(nodes);
+    for &from in &elevations {
+        let y_from = meridian(from);
+        for &to in &elevations {
+            let y_to = meridian(to);
+            let outgoing = [to[0], 0.0, to[1]];
+            let weight = from[2] * to[2] * step;
+            // ∫ f cos cos mΔ dΔ by degree and colour.
+            let mut turned = [[0.0; 3]; crate::sh::MAX_BANDS];
+            for k in 0..around {
+                let delta = step * (k as f64 + 0.5);
+                let (sin, cos) = delta.sin_cos();
+                let f = reflectance.reflect([from[0] * cos, from[0] * sin, from[1]], outgoing);
+                let f = f.map(|f| f * from[1]);
+                for (c, out) in out.iter_mut().enumerate() {
+                    out.energy += TAU * weight * f[c] * f[c];
+                }
+                for (m, sums) in turned.iter_mut().enumerate().take(order.bands()) {
+                    let wave = weight * (m as f64 * delta).cos();
+                    sums.iter_mut().zip(f).for_each(|(sum, f)| *sum += wave * f);
+                }
+            }
+            for (c, out) in out.iter_mut().enumerate() {
+                spread(&mut out.matrix, [light_order, order], &y_from, &y_to, |m| {
+                    if m == 0 { TAU * turned[0][c] } else { PI * turned[m][c] }
+                });
+            }
+        }
+    }
+    out
+}
+
+/// Adds the share of one pair of elevations to all entries of equal degree.
+fn spread(
+    matrix: &mut [f64],
+    [rows, columns]: [Order; 2],
+    y_row: &[f64],
+    y_column: &[f64],
+    azimuth: impl Fn(usize) -> f64,
+) {
+    let width = columns.coefficients();
+    for m in 0..columns.bands().min(rows.bands()) {
+        let azimuth = azimuth(m);
+        for l in m..rows.bands() {
+            for k in m..columns.bands() {
+                let (i, j) = (l * (l + 1), k * (k + 1));
+                let value = azimuth * y_row[i + m] * y_column[j + m];
+                matrix[(i + m) * width + j + m] += value;
+                if m > 0 {
+                    matrix[(i - m) * width + j - m] += value;
+                }
+            }
+        }
+    }
+}
+
+/// Without symmetry: for every outgoing direction the integral over incoming ones.
+fn anisotropic(
+    reflectance: &impl Reflectance,
+    order: Order,
+    light_order: Order,
+    nodes: usize,
+) -> [Projected; 3] {
+    let mut out = empty(order, light_order);
+    let (rows, columns) = (light_order.coefficients(), order.coefficients());
+    let around = 2 * nodes;
+    let step = TAU / around as f64;
+    let directions: Vec<([f64; 3], f64)> = elevations(nodes)
+        .into_iter()
+        .flat_map(|[sin, cos, weight]| {
+            (0..around).map(move |k| {
+                let (s, c) = (step * (k as f64 + 0.5)).sin_cos();
+                ([sin * c, sin * s, cos], weight * step)
+            })
+        })
+        .collect();
+    let mut tables = vec![0.0; directions.len() * rows];
+    for ((direction, _), row) in directions.iter().zip(tables.chunks_exact_mut(rows)) {
+        evaluate_f64(light_order, *direction, row);
+    }
+    let mut y = vec![0.0; columns];
+    for (outgoing, view_weight) in &directions {
+        let mut sums = [const { [0.0; MAX_COEFFICIENTS] }; 3];
+        for ((incoming, weight), table) in directions.iter().zip(tables.chunks_exact(rows)) {
+            let f = reflectance.reflect(*incoming, *outgoing).map(|f| f * incoming[2]);
+            for (c, sums) in sums.iter_mut().enumerate() {
+                out[c].energy += view_weight * weight * f[c] * f[c];
+                let share = weight * f[c];
+                sums.iter_mut().zip(table).for_each(|(sum, y)| *sum += share * y);
+            }
+        }
+        evaluate_f64(order, *outgoing, &mut y);
+        for (out, sums) in out.iter_mut().zip(&sums) {
+            for (row, sum) in out.matrix.chunks_exact_mut(columns).zip(sums) {
+                row.iter_mut().zip(&y).for_each(|(entry, y)| *entry += view_weight * sum * y);
+            }
+        }
+    }
+    out
+}
+
+/// The best factors: of the light's side over the sphere, where a reflectance is 0 below the
+/// surface; of the view's side over the hemisphere alone, since nothing is seen from below. There
+/// the harmonics are not orthonormal; a basis that is comes from their Gram matrix.
+fn decompose(
+    matrix: &[f64],
+    energy: f64,
+    order: Order,
+    light_order: Order,
+) -> Result<Factored, NoConvergence> {
+    let (rows, columns) = (light_order.coefficients(), order.coefficients());
+    let gram = hemisphere_gram_pole(order);
+    let (values, vectors) = symmetric_eigen(rows_of(&gram, columns, columns))?;
+    let kept: Vec<usize> = (0..columns).filter(|&k| values[k] > LEAST).collect();
+    let basis =
+        Mat::from_fn(columns, kept.len(), |j, k| vectors[(j, kept[k])] / values[kept[k]].sqrt());
+    let seen = product(rows_of(matrix, rows, columns), basis.as_ref());
+    let svd = thin_svd(seen.as_ref())?;
+    let harmonics = product(basis.as_ref(), svd.v.as_ref());
+    let (mut light, mut view) = (Vec::new(), Vec::new());
+    for (b, strength) in svd.s.iter().enumerate() {
+        light.extend((0..rows).map(|i| strength * svd.u[(i, b)]));
+        view.extend((0..columns).map(|j| harmonics[(j, b)]));
+    }
+    Ok(Factored { order, light_order, light, view, strengths: svd.s, energy })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,219 @@
+use super::*;
+use crate::sh::zonal;
+use crate::shade::Brdf;
+
+fn order(bands: u8) -> Order {
+    Order::new(bands).unwrap()
+}
+
+/// A reflectance that is treated as if it had no symmetry.
+struct Plain(Brdf);
+
+impl Reflectance for Plain {
+    fn reflect(&self, incoming: [f64; 3], outgoing: [f64; 3]) -> [f64; 3] {
+        self.0.reflect(incoming, outgoing)
+    }
+
+    fn is_isotropic(&self) -> bool {
+        false
+    }
+}
+
+fn one(n: Order) -> Vec<f64> {
+    let mut out = vec![0.0; n.coefficients()];
+    out[0] = (4.0 * PI).sqrt();
+    out
+}
+
+fn views() -> Vec<[f64; 3]> {
+    let angles = [(0.0, 0.0), (0.3, 1.0), (0.8, 2.0), (1.2, -2.5), (1.5, 0.4)];
+    angles.map(|(t, p): (f64, f64)| [t.sin() * p.cos(), t.sin() * p.sin(), t.cos()]).to_vec()
+}
+
+/// Directions over the upper hemisphere (and the lower one, turned over) with solid angles.
+fn sphere(nodes: usize) -> Vec<([f64; 3], f64)> {
+    let step = TAU / (2 * nodes) as f64;
+    elevations(nodes)
+        .into_iter()
+        .flat_map(|[sin, cos, weight]| {
+            (0..2 * nodes).flat_map(move |k| {
+                let (s, c) = (step * (k as f64 + 0.5)).sin_cos();
+                [cos, -cos].map(|z| ([sin * c, sin * s, z], weight * step))
+            })
+        })
+        .collect()
+}
+
+/// One term of a Lambert operator turns open visibility into exactly the transfer of an open
+/// point, from wherever it is seen: albedo · unshadowed, to 1e-6.
+#[test]
+fn a_lambert_operator_is_transfer_where_nothing_occludes() {
+    for bands in [2, 4, 6] {
+        let n = order(bands);
+        let lambert = Brdf::Lambert { albedo: [0.6, 0.3, 0.9] };
+        let factored = &factor(&lambert, n, 16).unwrap()[0];
+        let operator = factored.operator(1);
+        assert_eq!((operator.terms(), operator.order()), (1, n));
+        let expected = zonal::clamped_cosine(n);
+        let mut transfer = vec![0.0; n.coefficients()];
+        for view in views() {
+            operator.transfer(&one(n), view, &mut transfer);
+            for (i, t) in transfer.iter().enumerate() {
+                let l = i.isqrt();
+                let zonal = if i == l * (l + 1) { 0.6 * expected[l] / PI } else { 0.0 };
+                assert!((t - zonal).abs() < 1e-6, "order {bands}, {i}: {t} {zonal}");
+            }
+        }
+    }
+}
+
+/// Between light and visibility nothing is lost: the radiance is the integral of the light's bands
+/// times the visibility's bands times albedo/π and the cosine, integrated slowly.
+#[test]
+fn light_and_visibility_meet_without_loss() {
+    let n = order(3);
+    let operator = factor(&Brdf::Lambert { albedo: [0.5; 3] }, n, 16).unwrap()[1].operator(9);
+    let light: Vec<f64> = (0..9).map(|i| (f64::from(i) * 1.3).cos()).collect();
+    let visibility: Vec<f64> = (0..9).map(|i| (f64::from(i) * 0.7).sin()).collect();
+    let (mut y, mut expected) = ([0.0; 9], 0.0);
+    for (w, area) in sphere(12) {
+        evaluate_f64(n, w, &mut y);
+        let value = |c: &[f64]| c.iter().zip(&y).map(|(c, y)| c * y).sum::<f64>();
+        expected += area * value(&light) * value(&visibility) * 0.5 / PI * w[2].max(0.0);
+    }
+    let mut transfer = [0.0; 9];
+    for view in views() {
+        operator.transfer(&visibility, view, &mut transfer);
+        let found: f64 = transfer.iter().zip(&light).map(|(t, l)| t * l).sum();
+        // The clamped cosine has bands beyond the five that three times three can see, which the
+        // product of light and visibility does not have: nothing is cut.
+        assert!((found - expected).abs() < 1e-6, "{found} {expected}");
+    }
+}
+
+/// The white furnace: under light 1 from everywhere with nothing in the way, the radiance towards
+/// the viewer is what plain integration of f cos gives, closer with more bands.
+#[test]
+fn the_white_furnace_gives_back_the_albedo() {
+    let half = [0.5; 3];
+    for (brdf, tolerance) in [
+        (Brdf::Lambert { albedo: half }, 1e-6),
+        (Brdf::Phong { diffuse: half, specular: half, exponent: 8.0 }, 0.01),
+        (Brdf::Ggx { normal_reflectance: half, alpha: [0.5; 2] }, 0.02),
+        (Brdf::AshikhminShirley { diffuse: half, specular: half, exponents: [6.0; 2] }, 0.01),
+    ] {
+        let n = order(5);
+        let factored = &factor(&brdf, n, 24).unwrap()[0];
+        let operator = factored.operator(factored.most_terms());
+        let mut transfer = vec![0.0; n.coefficients()];
+        for view in views() {
+            operator.transfer(&one(n), view, &mut transfer);
+            let found = transfer[0] * (4.0 * PI).sqrt();
+            let lit = sphere(48).into_iter();
+            let expected: f64 =
+                lit.map(|(w, area)| area * w[2].max(0.0) * brdf.reflect(w, view)[0]).sum();
+            let off = (found - expected).abs() * view[2];
+            assert!(off < tolerance, "{brdf:?}, {view:?}: {found} {expected}");
+        }
+    }
+}
+
+/// The stated error is that of the factored reflectance, integrated over all pairs of directions;
+/// it falls with terms and with bands.
+#[test]
+fn errors_are_those_of_the_factors() {
+    let brdf = Brdf::Phong { diffuse: [0.3; 3], specular: [0.5; 3], exponent: 6.0 };
+    let factored = &factor(&brdf, order(4), 24).unwrap()[2];
+    let curve: Vec<f64> = (0..=factored.most_terms()).map(|k| factored.error(k)).collect();
+    assert!((curve[0] - 1.0).abs() < 1e-12 && curve.windows(2).all(|p| p[1] <= p[0]), "{curve:?}");
+    let finer = &factor(&brdf, order(5), 24).unwrap()[2];
+    assert!(finer.error(finer.most_terms()) < curve[curve.len() - 1]);
+    let terms = 4;
+    let directions = sphere(20);
+    let (mut y, mut all, mut apart) = (vec![0.0; 49], 0.0, 0.0);
+    let factors = |table: &[f64], n: Order, w: [f64; 3], y: &mut [f64]| -> Vec<f64> {
+        evaluate_f64(n, w, y);
+        let rows = table.chunks_exact(n.coefficients()).take(terms);
+        rows.map(|row| row.iter().zip(&*y).map(|(a, b)| a * b).sum()).collect()
+    };
+    let (light, view) = (&factored.light, &factored.view);
+    let incoming: Vec<Vec<f64>> =
+        directions.iter().map(|(w, _)| factors(light, order(7), *w, &mut y)).collect();
+    for (o, view_area) in directions.iter().filter(|(o, _)| o[2] > 0.0) {
+        let w = factors(view, order(4), *o, &mut y);
+        for ((i, area), u) in directions.iter().zip(&incoming) {
+            let f = brdf.reflect(*i, *o)[2] * i[2].max(0.0);
+            let sum: f64 = u.iter().zip(&w).map(|(u, w)| u * w).sum();
+            all += area * view_area * f * f;
+            apart += area * view_area * (f - sum).powi(2);
+        }
+    }
+    let measured = (apart / all).sqrt();
+    assert!((measured - curve[terms]).abs() < 1e-3, "{measured} {}", curve[terms]);
+}
+
+/// The shorter way for isotropic reflectances gives the operator of the longer one.
+#[test]
+fn isotropy_is_a_short_cut_only() {
+    let brdf = Brdf::Phong { diffuse: [0.3; 3], specular: [0.1, 0.5, 0.7], exponent: 3.0 };
+    let n = order(3);
+    let (short, long) = (factor(&brdf, n, 12).unwrap(), factor(&Plain(brdf), n, 12).unwrap());
+    let visibility: Vec<f64> = (0..9).map(|i| (f64::from(i) * 0.7).sin()).collect();
+    let (mut a, mut b) = ([0.0; 9], [0.0; 9]);
+    for (short, long) in short.iter().zip(&long) {
+        assert!((short.energy / long.energy - 1.0).abs() < 1e-3);
+        for view in views() {
+            short.operator(9).transfer(&visibility, view, &mut a);
+            long.operator(9).transfer(&visibility, view, &mut b);
+            assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4), "{a:?} {b:?}");
+        }
+    }
+}
+
+/// A black reflectance has an operator that gives nothing, without NaN.
+#[test]
+fn black_surfaces_reflect_nothing() {
+    let factored = &factor(&Brdf::Lambert { albedo: [0.0; 3] }, order(3), 8).unwrap()[0];
+    assert_eq!(factored.error(3), 0.0);
+    let mut transfer = [1.0; 9];
+    factored.operator(2).transfer(&one(order(3)), [0.0, 0.0, 1.0], &mut transfer);
+    assert!(transfer.iter().all(|t| *t == 0.0));
+}
+
+/// A mirror-like lobe under a narrow lamp is as wide as the bands can tell, and no wider: half of
+/// the peak is reached within the width of the order's own narrowest lobe, which narrows as the
+/// order rises.
+#[test]
+fn sharp_lobes_widen_to_the_order_and_no_further() {
+    let brdf = Brdf::Ggx { normal_reflectance: [1.0; 3], alpha: [0.12; 2] };
+    let mut widths = Vec::new();
+    for bands in [3, 5] {
+        let n = order(bands);
+        let factored = &factor(&brdf, n, 40).unwrap()[0];
+        let operator = factored.operator(factored.most_terms());
+        let incoming = [0.6, 0.0, 0.8];
+        let mut light = vec![0.0; n.coefficients()];
+        evaluate_f64(n, incoming, &mut light);
+        let mut transfer = vec![0.0; n.coefficients()];
+        let mut radiance = |degrees: f64| {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            operator.transfer(&one(n), [-sin, 0.0, cos], &mut transfer);
+            transfer.iter().zip(&light).map(|(t, l)| t * l).sum::<f64>()
+        };
+        let (mut peak, mut at) = (0.0, 0.0);
+        for degrees in 0..80 {
+            let value = radiance(f64::from(degrees));
+            if value > peak {
+                (peak, at) = (value, f64::from(degrees));
+            }
+        }
+        // The mirror direction is 36.9° from the normal.
+        assert!((at - 36.9).abs() < 12.0, "order {bands}: the peak is at {at}°");
+        let half = (0..90).map(f64::from).find(|d| radiance(at - d) < 0.5 * peak).unwrap();
+        // A delta function of n bands falls to half at 2.215/n radians, where J₁(x)/x does.
+        let limit = 1.25 * (2.215 / f64::from(bands)).to_degrees();
+        assert!(half < limit, "order {bands}: {half}° of {limit}°");
+        widths.push(half);
+    }
+    assert!(widths[1] < widths[0], "{widths:?}");
+}
