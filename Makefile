@@ -2,6 +2,7 @@
 # make serve  the service, on this machine only: http://127.0.0.1:7878
 # make test   format, lints, documentation, every test
 # make bench  the measured tables of README
+# make soak   a studio's day against the service: kills, cancels, and the same bytes at its end
 # make fuzz   the readers of foreign bytes, ten million runs each
 # Every target brings what it needs; a second run is quick.
 
@@ -14,7 +15,7 @@ DEMO ?= demo
 DEMO_FLAGS ?= --rays 128 --reference-poses 30
 BUILT ?= build
 
-.PHONY: demo serve test bench fuzz setup build
+.PHONY: demo serve test bench soak fuzz setup build
 
 setup:
 	@.ci/setup
@@ -42,9 +43,14 @@ bench: setup
 	$(CARGO) bench --locked --bench evaluate
 	$(CARGO) bench --locked --bench fit
 	$(CARGO) bench --locked --bench light
+	$(CARGO) bench --locked --bench serve
 	$(CARGO) run --release --locked -- sample figure -o $(DEMO)/figure.glb
 	$(CARGO) bench --locked --bench assets -- $(CHARACTERS) $(ASSET_FLAGS)
 	@for mesh in $(MESHES); do python3 benches/peers/occlusion.py $$mesh $(BIN); done
+
+# POSELIGHT_ASSETS names a folder of scenes; without it the day is the bundled character's.
+soak: setup
+	$(CARGO) test --release --locked --test serve -- --ignored a_long_day
 
 # The readers of foreign bytes, FUZZ_RUNS runs each. libFuzzer is compiled from C++.
 fuzz: setup

@@ -357,3 +357,33 @@ fn a_static_scene_is_its_mean() {
     assert!(notices.contains("does not move"), "{notices}");
     assert!(text(&output.stderr).is_empty(), "not quiet: {}", text(&output.stderr));
 }
+
+/// A run is approved and checked: the same scene passes, a figure that is worse than approved fails
+/// with status 3 and is named in the JUnit document, and what is no baseline is refused.
+#[test]
+fn a_regression_is_told() {
+    let studio = Studio::new();
+    let recipe = r#"{"version": 1, "poses": {"rate_hz": 4}, "bake": {"signal": "ao", "rays": 4},
+        "fit": {"family": "mean"}, "target": {"reference_poses": 2}}"#;
+    fs::write(studio.path("recipe.json"), recipe).expect("written");
+    let check = ["check", "figure.glb", "--baseline", "approved.json", "-o", "work"];
+    studio.succeed(&[&check[..], &["--approve", "--recipe", "recipe.json"]].concat());
+    let written = ["--junit", "check.xml", "--page", "check.html"];
+    studio.succeed(&[&check[..], &written].concat());
+    let xml = fs::read_to_string(studio.path("check.xml")).expect("written");
+    assert!(xml.contains("failures=\"0\"") && xml.contains("model: bytes"), "{xml}");
+    let path = studio.path("approved.json");
+    let mut approved: Value =
+        serde_json::from_slice(&fs::read(&path).expect("written")).expect("JSON");
+    let bytes = approved["figures"]["model: bytes"].as_f64().expect("a number");
+    approved["figures"]["model: bytes"] = (bytes / 2.0).into();
+    fs::write(&path, approved.to_string()).expect("written");
+    assert_eq!(studio.fail(&[&check[..], &written].concat()).0, 3);
+    let xml = fs::read_to_string(studio.path("check.xml")).expect("written");
+    assert!(xml.contains("failures=\"1\"") && xml.contains("<failure"), "{xml}");
+    let page = fs::read_to_string(studio.path("check.html")).expect("written");
+    assert!(page.contains("one figure is worse"), "{page}");
+    fs::write(&path, "{}").expect("written");
+    let (status, message) = studio.fail(&check);
+    assert!(status == 1 && message.contains("approved.json"), "{message}");
+}

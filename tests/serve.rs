@@ -5,6 +5,14 @@
 
 #[path = "serve/client.rs"]
 mod client;
+#[path = "serve/contract.rs"]
+mod contract;
+#[path = "serve/hostile.rs"]
+mod hostile;
+#[path = "serve/kinds.rs"]
+mod kinds;
+#[path = "serve/soak.rs"]
+mod soak;
 
 use std::fs;
 use std::io::{Read, Write};

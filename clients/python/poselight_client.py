@@ -85,10 +85,34 @@ class Client:
                 self._request("PUT", f"/v1/assets/{sha256}?{query}", file, {"Content-Length": size}).close()
         return sha256
 
-    def submit(self, assets: Mapping[str, str], recipe: Json, key: Optional[str] = None, priority: int = 0) -> Any:
-        """Submits a job; with a key it can be repeated safely."""
-        request = {"kind": "run", "assets": dict(assets), "recipe": recipe, "priority": priority}
+    def submit(self, assets: Mapping[str, str], recipe: Json, key: Optional[str] = None, priority: int = 0,
+               kind: str = "run") -> Any:
+        """Submits a job on a scene, `run` or `bake`; with a key it can be repeated safely."""
+        return self.start(kind, recipe, key, priority=priority, assets=dict(assets))
+
+    def start(self, kind: str, recipe: Json, key: Optional[str] = None, **fields: Any) -> Any:
+        """Submits a job of any kind: `fit` and `tradeoff` on a `dataset`, `measure` on a `model`."""
+        request = {"kind": kind, "recipe": recipe, **fields}
         return self._json("POST", "/v1/jobs", request, {"Idempotency-Key": key or uuid.uuid4().hex})
+
+    def finish(self, job: str, progress: Any = None) -> Any:
+        """Follows a job to its end; the finished job."""
+        for event, data in self.follow(job):
+            if progress and event == "progress":
+                progress(data)
+        done = self.job(job)
+        if done["state"] != "succeeded":
+            raise Problem(done.get("error") or {"detail": f"the job was {done['state']}"})
+        return done
+
+    def log(self, job: str) -> Any:
+        """The lines of a job's log, each with `at_ms`, `level` and `text`."""
+        return self._json("GET", f"/v1/jobs/{job}/log")["lines"]
+
+    def file(self, job: str, name: str) -> bytes:
+        """A file of a finished job's result."""
+        with self._request("GET", f"/v1/jobs/{job}/files/{name}") as response:
+            return response.read()
 
     def job(self, job: str) -> Any:
         """A job as it is now."""
@@ -125,14 +149,7 @@ class Client:
     def bake(self, scene: str, recipe: Json, progress: Any = None) -> Any:
         """Uploads, submits and follows; the finished job."""
         name = os.path.basename(scene)
-        job = self.submit({name: self.upload(scene)}, recipe)
-        for event, data in self.follow(job["id"]):
-            if progress and event == "progress":
-                progress(data)
-        job = self.job(job["id"])
-        if job["state"] != "succeeded":
-            raise Problem(job.get("error") or {"detail": f"the job was {job['state']}"})
-        return job
+        return self.finish(self.submit({name: self.upload(scene)}, recipe)["id"], progress)
 
     def download(self, model: str, path: str) -> None:
         """Writes a model's blob to a file, which appears whole or not at all."""

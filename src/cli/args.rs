@@ -61,6 +61,7 @@ pub(crate) enum Command {
     /// Bake, fit, measure and report in one.
     #[command(args_override_self = true)]
     Run(RunArgs),
+    Check(super::check_args::CheckArgs),
     /// Write a model's values at one pose into the scene's GLB, as vertex attributes.
     Apply(ApplyArgs),
     /// Print an environment light as spherical harmonics, also as engines take it.

@@ -5,6 +5,7 @@
 //! 3 done but a stated target was not met, 130 stopped by a second Ctrl-C.
 
 mod args;
+mod check_args;
 mod commands;
 mod files;
 mod fit_args;
@@ -13,10 +14,13 @@ mod light_source;
 mod screen;
 #[cfg(feature = "serve")]
 mod serve_args;
+#[cfg(feature = "serve")]
+mod settings_file;
 mod still_args;
 mod surroundings;
 mod units;
 
+use std::ffi::OsString;
 use std::io::Write;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -50,7 +54,19 @@ impl Answer {
 /// The command line's whole life, from the process's arguments to its exit status.
 #[must_use]
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let words: Vec<OsString> = std::env::args_os().collect();
+    #[cfg(feature = "serve")]
+    let words = settings_file::with_file(words);
+    #[cfg(not(feature = "serve"))]
+    let words: anyhow::Result<Vec<OsString>> = Ok(words);
+    let words = match words {
+        Ok(words) => words,
+        Err(error) => {
+            let _ = writeln!(std::io::stderr(), "error: {}", sentence(&error));
+            return ExitCode::from(2);
+        }
+    };
+    let cli = Cli::parse_from(words);
     let json = cli.json;
     match start(cli) {
         Ok(answer) => {
@@ -119,6 +135,7 @@ fn run(command: Command, watch: &Watch) -> anyhow::Result<Answer> {
         Command::Tradeoff(args) => commands::tradeoff(&args, watch),
         Command::Evaluate(args) => commands::evaluate(&args),
         Command::Run(args) => commands::run(&args, watch),
+        Command::Check(args) => commands::check(&args, watch),
         Command::Apply(args) => commands::apply(&args),
         Command::Brdf(args) => commands::brdf(&args),
         Command::Light(args) => commands::light(&args),

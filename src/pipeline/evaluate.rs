@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::model::{self, Distance, Frame, JointPose, Model, PosedInput, Signal, Surface};
+use crate::model::{self, Distance, Folded, Frame, JointPose, Model, PosedInput, Signal, Surface};
 use crate::pose;
 use crate::rig::{self, Deformed, Pose, RigidFrame};
 use crate::scene::Scene;
@@ -189,12 +189,29 @@ impl Query {
         if light.is_some() && !self.is_turned(model) {
             return Err(EvaluateError::NeedsPose);
         }
-        let coefficients = self.coefficients(model)?;
         let points = match light {
-            None => coefficients,
-            Some(light) => light.shade(&coefficients, usize::from(model.header().channels)),
+            None => self.coefficients(model)?,
+            Some(light) => self.shading(model, light)?,
         };
         spread(model, &points, vertices, out)
+    }
+
+    /// `[point, colour]`: at the price of a folded model where the model allows it.
+    fn shading(&self, model: &Model, light: &Light) -> Result<Vec<f32>, EvaluateError> {
+        if model.needs_surface() {
+            let coefficients = self.coefficients(model)?;
+            return Ok(light.shade(&coefficients, usize::from(model.header().channels)));
+        }
+        let mut out = vec![0.0; model.header().mesh.points as usize * light.colours(model)];
+        match (&light.folded, &self.pose) {
+            (Some(folded), _) => folded.evaluate(&self.parameters, &mut out)?,
+            (None, Some(pose)) => {
+                let rotations = model.bone_rotations_of(pose)?;
+                model.shade(&self.parameters, &light.colours.concat(), &rotations, &mut out)?;
+            }
+            (None, None) => return Err(EvaluateError::NeedsPose),
+        }
+        Ok(out)
     }
 
     fn coefficients(&self, model: &Model) -> Result<Vec<f32>, EvaluateError> {
@@ -252,10 +269,12 @@ fn node_order(model: &Model, scene: &Scene) -> Result<Vec<usize>, EvaluateError>
     model.header().rig.nodes.iter().map(|node| find(&node.name)).collect()
 }
 
-/// A light's coefficients by colour.
-#[derive(Debug, Clone, PartialEq)]
+/// A light's coefficients by colour, and the model under it where it stands still in the model's
+/// frame.
+#[derive(Debug, Clone)]
 pub struct Light {
     colours: Vec<Vec<f32>>,
+    folded: Option<Folded>,
 }
 
 impl Light {
@@ -276,7 +295,10 @@ impl Light {
         if colours.iter().flatten().any(|value| !value.is_finite()) {
             return Err(EvaluateError::LightNotFinite);
         }
-        Ok(Self { colours })
+        let stands_still = header.frame == Frame::Root || header.signal == Signal::Ao;
+        let folds = stands_still && !model.needs_surface();
+        let folded = folds.then(|| model.fold(&colours.concat(), &[])).transpose()?;
+        Ok(Self { colours, folded })
     }
 
     /// Colours of the shading of a model.
@@ -336,13 +358,17 @@ mod tests {
         assert_eq!(told(vec!["b".into(), "c".into()]), "the scene has no clip `a`; it has b, c");
     }
 
+    fn unfolded(colours: Vec<Vec<f32>>) -> Light {
+        Light { colours, folded: None }
+    }
+
     /// One-channel transfer under a coloured light gives a colour each; a grey light lights every
     /// channel alike.
     #[test]
     fn shading_pairs_channels_with_colours() {
-        let light = Light { colours: vec![vec![1.0, 0.0], vec![0.0, 1.0], vec![1.0, 1.0]] };
+        let light = unfolded(vec![vec![1.0, 0.0], vec![0.0, 1.0], vec![1.0, 1.0]]);
         assert_eq!(light.shade(&[2.0, 3.0], 1), [2.0, 3.0, 5.0]);
-        let grey = Light { colours: vec![vec![1.0, 1.0]] };
+        let grey = unfolded(vec![vec![1.0, 1.0]]);
         assert_eq!(grey.shade(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 3), [3.0, 7.0, 11.0]);
     }
 }

@@ -4,7 +4,8 @@ use serde_json::{Value, json};
 
 use super::reference::{rays_per_point, reference_rays};
 use super::{Error, Job, describe, notices, reference_notice, subset};
-use crate::bake;
+use crate::bake::{self, Baker};
+use crate::dataset::Layout;
 
 /// The cost of a bake.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -91,11 +92,7 @@ pub fn plan(job: &Job) -> Result<Plan, Error> {
     let points = layout.poses as f64 * layout.points as f64;
     let more = job.recipe.bake.more_rays.iter().map(|&rays| f64::from(rays)).sum::<f64>();
     let rays = (points * (calibration.rays_per_point + more)).round() as u64;
-    let mesh = &job.scene.mesh;
-    let pose_bytes = layout.points as u64 * (layout.row() as u64 + 2) * 4;
-    let block_bytes = pose_bytes * layout.block_poses as u64;
-    let posed_bytes = mesh.positions.len() as u64 * 24 * layout.block_poses as u64;
-    let scene_bytes: u64 = job.scene.sources.iter().map(|s| s.bytes.len() as u64).sum();
+    let scene_bytes = scene_bytes(job);
     let threads = rayon::current_num_threads();
     let prepare_s = calibration.prepare_s * layout.poses as f64 / threads as f64;
     let reference_bakes = 2 * reference_poses(job) as u64;
@@ -115,14 +112,34 @@ pub fn plan(job: &Job) -> Result<Plan, Error> {
         points: layout.points,
         rays,
         disk_bytes: layout.disk_bytes() + scene_bytes,
-        memory_bytes: baker.memory_bytes(layout.block_poses, threads)
-            + block_bytes * BLOCKS_IN_FLIGHT
-            + posed_bytes
-            + sampled_bytes(job)
-            + scene_bytes,
+        memory_bytes: peak(job, &baker, &layout),
         rays_per_s: calibration.rays_per_s,
         bake_s: prepare_s + rays as f64 / calibration.rays_per_s,
     })
+}
+
+/// What a job's bake takes at its peak, without casting a ray.
+///
+/// # Errors
+/// What the stages object to.
+pub fn memory_bytes(job: &Job) -> Result<u64, Error> {
+    let baker = job.baker(&job.checked.bake, job.checked.noise)?;
+    Ok(peak(job, &baker, &describe::header(job)?.layout))
+}
+
+fn peak(job: &Job, baker: &Baker, layout: &Layout) -> u64 {
+    let pose_bytes = layout.points as u64 * (layout.row() as u64 + 2) * 4;
+    let block_bytes = pose_bytes * layout.block_poses as u64;
+    let posed_bytes = job.scene.mesh.positions.len() as u64 * 24 * layout.block_poses as u64;
+    baker.memory_bytes(layout.block_poses, rayon::current_num_threads())
+        + block_bytes * BLOCKS_IN_FLIGHT
+        + posed_bytes
+        + sampled_bytes(job)
+        + scene_bytes(job)
+}
+
+fn scene_bytes(job: &Job) -> u64 {
+    job.scene.sources.iter().map(|source| source.bytes.len() as u64).sum()
 }
 
 /// Bytes of the sampled poses, which all stay in memory.

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 use axum::body::Body;
 use axum::extract::{Path as PathPart, State};
@@ -16,7 +17,7 @@ use tokio::io::AsyncWriteExt;
 use super::answer::{self, Params, blocking, content_length, is_sha256};
 use super::problem::Problem;
 use super::store::{Asset, hexadecimal};
-use super::{Service, StoreError, files, store};
+use super::{Limits, Service, StoreError, files, store};
 use crate::pipeline;
 
 /// How an upload says what its bytes are.
@@ -46,7 +47,7 @@ pub(super) async fn put(
     let known = lookup(&service, &sha256).await?;
     // Importing anew is asked for by naming a scene that first came without a name.
     let extension = extension(query.name.as_deref());
-    if let Some(asset) = known.filter(|asset| asset.kind == "scene" || extension.is_none()) {
+    if let Some(asset) = known.filter(|asset| asset.kind != "file" || extension.is_none()) {
         if length.is_some_and(|length| length <= READ_ANYWAY) {
             drop(answer::bytes(&headers, body, READ_ANYWAY).await);
         }
@@ -55,7 +56,7 @@ pub(super) async fn put(
     check_room(&service, length).await?;
     let incoming = Arc::new(service.store.folder().incoming()?);
     let path = incoming.path().join(format!("asset.{}", extension.unwrap_or("bin")));
-    let (bytes, found) = receive(body, &path, service.settings.limits.asset_bytes).await?;
+    let (bytes, found) = receive(body, &path, &service.settings.limits).await?;
     if bytes == 0 {
         return Err(Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "bad-asset", "it has no bytes"));
     }
@@ -107,7 +108,7 @@ fn show(asset: &Asset) -> Value {
 /// The extension of a file that the importer reads on its own.
 fn extension(name: Option<&str>) -> Option<&'static str> {
     let extension = Path::new(name?).extension()?.to_str()?.to_ascii_lowercase();
-    ["glb", "obj", "npz"].into_iter().find(|known| *known == extension)
+    ["glb", "obj", "npz", "hdr", "exr"].into_iter().find(|known| *known == extension)
 }
 
 /// Refuses what is too large before it is sent.
@@ -134,13 +135,20 @@ fn too_large(most: u64) -> Problem {
 }
 
 /// Streams a body to a file; its size and SHA-256.
-async fn receive(body: Body, path: &PathBuf, most: u64) -> Result<(u64, String), Problem> {
+async fn receive(body: Body, path: &PathBuf, limits: &Limits) -> Result<(u64, String), Problem> {
+    let (most, idle_s) = (limits.asset_bytes, limits.idle_s);
+    let idle = |_| {
+        let detail = format!("nothing came for {idle_s} s");
+        Problem::new(StatusCode::REQUEST_TIMEOUT, "timeout", detail)
+            .limit("idle_s", u64::from(idle_s))
+    };
+    let patience = Duration::from_secs(u64::from(idle_s));
     let io = |source| StoreError::Io { action: "write", path: path.clone(), source };
     let mut file = tokio::fs::File::create(path).await.map_err(io)?;
     let mut hasher = Sha256::new();
     let mut bytes = 0_u64;
     let mut stream = body.into_data_stream();
-    while let Some(chunk) = stream.next().await {
+    while let Some(chunk) = tokio::time::timeout(patience, stream.next()).await.map_err(idle)? {
         let chunk = chunk.map_err(|_| answer::broken())?;
         bytes += chunk.len() as u64;
         if bytes > most {
@@ -156,16 +164,39 @@ async fn receive(body: Body, path: &PathBuf, most: u64) -> Result<(u64, String),
 
 /// Imports a scene, and moves a sound file to its place.
 fn keep(service: &Service, path: &Path, sha256: &str, bytes: u64) -> Result<Asset, Problem> {
-    let kind = match check(path) {
-        None => "file",
-        Some(Ok(_)) => "scene",
-        Some(Err(error)) => return Err(bad_asset(&error)),
+    let kind = if is_map(path) {
+        check_map(path)?;
+        "light"
+    } else {
+        match check(path) {
+            None => "file",
+            Some(Ok(_)) => "scene",
+            Some(Err(error)) => return Err(bad_asset(&error)),
+        }
     };
     store::settle(path, &service.store.folder().asset(sha256))?;
     service.store.add_asset(sha256, bytes, kind)?;
     tracing::info!(sha256, bytes, kind, "asset");
     let asset = service.store.asset(sha256)?;
     asset.ok_or_else(|| Problem::internal(&"an asset that was just kept is gone"))
+}
+
+/// Whether a file was named as a map of light.
+fn is_map(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "hdr" || extension == "exr")
+}
+
+/// What the reader of maps says of one.
+fn check_map(path: &Path) -> Result<(), Problem> {
+    let bytes = std::fs::read(path).map_err(|source| StoreError::Io {
+        action: "read",
+        path: path.to_path_buf(),
+        source,
+    })?;
+    pipeline::check_map(&bytes, "the map").map_err(|error| {
+        let status = StatusCode::UNPROCESSABLE_ENTITY;
+        Problem::new(status, "bad-asset", error.to_string())
+    })
 }
 
 /// What the importer says of a scene; nothing of other files.

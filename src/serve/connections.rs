@@ -2,17 +2,18 @@
 //! when the service ends.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
+use axum::Router;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::server::graceful::GracefulShutdown;
 use hyper_util::service::TowerToHyperService;
 use tokio::net::TcpListener;
-use tokio::sync::Semaphore;
+use tokio::sync::{Semaphore, watch};
 
-use super::router::router;
-use super::{FAREWELL, Service};
+use super::{FAREWELL, Limits};
 
 /// Bytes of a request's head at most.
 const HEAD_BYTES: usize = 64 << 10;
@@ -24,12 +25,17 @@ const HEADERS: usize = 100;
 const PAUSE: Duration = Duration::from_millis(100);
 
 /// Accepts connections until the service stops, then waits for the open ones, not for ever.
-pub(super) async fn accept(listener: std::net::TcpListener, service: &Arc<Service>) {
+pub(super) async fn accept(
+    listener: std::net::TcpListener,
+    limits: Limits,
+    app: Router,
+    open: Arc<AtomicU64>,
+    mut stopping: watch::Receiver<bool>,
+) {
     let listener = match TcpListener::from_std(listener) {
         Ok(listener) => listener,
         Err(error) => return tracing::error!(%error, "cannot listen"),
     };
-    let limits = service.settings.limits;
     let mut builder = http1::Builder::new();
     builder
         .timer(TokioTimer::new())
@@ -38,8 +44,7 @@ pub(super) async fn accept(listener: std::net::TcpListener, service: &Arc<Servic
         .max_headers(HEADERS);
     let places = Arc::new(Semaphore::new(limits.connections as usize));
     let graceful = GracefulShutdown::new();
-    let app = TowerToHyperService::new(router(service));
-    let mut stopping = service.stopping.clone();
+    let app = TowerToHyperService::new(app);
     loop {
         let Ok(place) = Arc::clone(&places).acquire_owned().await else { break };
         let accepted = tokio::select! {
@@ -58,9 +63,12 @@ pub(super) async fn accept(listener: std::net::TcpListener, service: &Arc<Servic
         let _ = stream.set_nodelay(true);
         let connection = builder.serve_connection(TokioIo::new(stream), app.clone());
         let connection = graceful.watch(connection);
+        let open = Arc::clone(&open);
+        open.fetch_add(1, Ordering::Relaxed);
         tokio::spawn(async move {
             // A client that vanishes is no fault of ours.
             let _ = connection.await;
+            open.fetch_sub(1, Ordering::Relaxed);
             drop(place);
         });
     }

@@ -47,7 +47,7 @@ pub(super) async fn post(
     let answer = blocking(move || {
         let request: EvaluateRequest = document(&body)?;
         let model = worker.hot.model(&worker, &id)?.ok_or_else(|| Problem::not_found("model"))?;
-        let values = evaluate(&worker, &model, &request)?;
+        let values = evaluate(&worker, &id, &model, &request)?;
         Ok(if raw { as_bytes(&values) } else { as_json(&values) })
     })
     .await;
@@ -57,11 +57,12 @@ pub(super) async fn post(
 
 fn evaluate(
     service: &Service,
+    id: &str,
     model: &Model,
     request: &EvaluateRequest,
 ) -> Result<Values, Problem> {
     let header = model.header();
-    let light = request.light(model)?;
+    let light = request.light(service, id, model)?;
     let queries = request.queries(service, model)?;
     let vertices = request.vertices.as_deref();
     let rows = vertices.map_or(header.mesh.vertices as usize, <[u32]>::len);
@@ -82,7 +83,7 @@ fn evaluate(
     for query in &queries {
         let refuse = |error| refused("#".to_owned(), &error);
         distances.push(query.distance(model).map_err(refuse)?);
-        query.values(model, light.as_ref(), vertices, &mut values).map_err(refuse)?;
+        query.values(model, light.as_deref(), vertices, &mut values).map_err(refuse)?;
     }
     let turned = queries.iter().all(|query| query.is_turned(model));
     let frame = if turned { "root" } else { "bone" };

@@ -13,7 +13,7 @@ use axum::response::{IntoResponse, Response};
 use super::answer::{blocking, text};
 use super::problem::Problem;
 use super::store::{hash_of, random_id};
-use super::{Service, files};
+use super::{Service, files, origins};
 
 /// Who asks.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -40,7 +40,15 @@ pub(super) async fn guard(
     let (method, path) = (request.method().clone(), request.uri().path().to_owned());
     let mut name = String::new();
     let headers = request.headers().clone();
-    let mut response = match admit(&service, &method, &path, &headers).await {
+    let origin = origins::allowed(&service.settings.origins, &headers);
+    if let Some(answer) = origins::preflight(&method, &headers, origin.as_ref()) {
+        return answer;
+    }
+    let admitted = match admit(&service, &method, &path, &headers).await {
+        Ok(client) => in_rate(&service, client, start),
+        refused => refused,
+    };
+    let mut response = match admitted {
         Err(problem) => problem.into_response(),
         Ok(client) => {
             name.clone_from(&client.name);
@@ -48,6 +56,7 @@ pub(super) async fn guard(
             in_time(&service, request, next).await
         }
     };
+    origins::mark(&mut response, origin.as_ref());
     let headers = response.headers_mut();
     for (key, value) in HEADERS {
         headers.entry(key).or_insert(HeaderValue::from_static(value));
@@ -58,6 +67,20 @@ pub(super) async fn guard(
     let ms = start.elapsed().as_millis() as u64;
     tracing::info!(request = id, client = name, %method, path, status, ms, "answered");
     files::with(response, "poselight-request", &id)
+}
+
+/// Lets a client pass that does not ask too often.
+fn in_rate(service: &Service, client: Client, now: Instant) -> Result<Client, Problem> {
+    let Some(rate_hz) = service.settings.limits.rate_hz else { return Ok(client) };
+    match service.rates.take(&client.name, rate_hz, now) {
+        Ok(()) => Ok(client),
+        Err(wait) => {
+            let detail = format!("at most {rate_hz} requests a second are answered");
+            Err(Problem::new(StatusCode::TOO_MANY_REQUESTS, "rate-limited", detail)
+                .limit("rate_hz", u64::from(rate_hz))
+                .retry_after(wait.as_secs_f64().ceil() as u32))
+        }
+    }
 }
 
 /// Answers within the time limit, where the request is not a stream.
@@ -91,9 +114,10 @@ async fn admit(
 ) -> Result<Client, Problem> {
     if !service.guarded {
         // Anybody on this machine may ask; a page in somebody's browser may not ask for them.
-        return local(headers).map(|()| Client { name: String::new() });
+        let page = origins::allowed(&service.settings.origins, headers).is_some();
+        return local(headers, page).map(|()| Client { name: String::new() });
     }
-    if matches!(path, "/health" | "/ready" | "/openapi.json") {
+    if matches!(path, "/health" | "/ready" | "/openapi.json" | "/docs") {
         return Ok(Client { name: String::new() });
     }
     let secret = text(headers, "authorization")
@@ -123,7 +147,7 @@ fn scope(method: &Method, path: &str) -> &'static str {
 
 /// Without tokens: the name must be this machine's own, and no other page may be the origin, or
 /// any page that somebody looks at could give orders.
-fn local(headers: &HeaderMap) -> Result<(), Problem> {
+fn local(headers: &HeaderMap, page_allowed: bool) -> Result<(), Problem> {
     let refuse = |what: &str| {
         let detail = format!("{what}; without tokens the service answers to this machine only");
         Err(Problem::new(StatusCode::FORBIDDEN, "forbidden", detail))
@@ -131,6 +155,9 @@ fn local(headers: &HeaderMap) -> Result<(), Problem> {
     let host = text(headers, "host").unwrap_or_default();
     if !is_local(host) {
         return refuse(&format!("the host `{host}` is not this machine"));
+    }
+    if page_allowed {
+        return Ok(());
     }
     match text(headers, "origin").and_then(|origin| origin.split_once("://")) {
         Some((_, origin)) if origin != host => refuse("another origin asks"),
@@ -165,9 +192,13 @@ mod tests {
     #[test]
     fn other_pages_are_refused() {
         for host in ["localhost:1", "127.0.0.1:1", "[::1]:1", "localhost"] {
-            assert!(local(&headers(host, None)).is_ok(), "{host}");
+            assert!(local(&headers(host, None), false).is_ok(), "{host}");
         }
-        assert!(local(&headers("localhost:1", Some("http://localhost:1"))).is_ok());
+        assert!(local(&headers("localhost:1", Some("http://localhost:1")), false).is_ok());
+        let named = headers("localhost:1", Some("http://tools.example"));
+        assert!(
+            local(&named, true).is_ok() && local(&headers("evil.example", None), true).is_err()
+        );
         for (host, origin) in [
             ("evil.example:1", None),
             ("localhost.evil.example", None),
@@ -175,7 +206,7 @@ mod tests {
             ("localhost:1", Some("http://localhost:2")),
             ("localhost:1", Some("null")),
         ] {
-            assert!(local(&headers(host, origin)).is_err(), "{host} {origin:?}");
+            assert!(local(&headers(host, origin), false).is_err(), "{host} {origin:?}");
         }
     }
 

@@ -17,14 +17,22 @@ use crate::pipeline::recipe::Recipe;
 const OPENAPI: &str = include_str!("openapi.json");
 
 /// The whole document: the recipe's schema is what the recipe's own type says.
-static DOCUMENT: LazyLock<String> = LazyLock::new(|| {
+static DOCUMENT: LazyLock<Value> = LazyLock::new(|| {
     let mut document: Value = serde_json::from_str(OPENAPI).unwrap_or_default();
     let mut recipe = schemars::schema_for!(Recipe).to_value();
     // References within the schema are relative to its own name.
     recipe["$id"] = json!("/schemas/recipe");
     document["components"]["schemas"]["Recipe"] = recipe;
-    document.to_string()
+    document
 });
+
+/// The same as it is sent.
+static TEXT: LazyLock<String> = LazyLock::new(|| DOCUMENT.to_string());
+
+/// The whole document.
+pub(super) fn document() -> &'static Value {
+    &DOCUMENT
+}
 
 pub(super) async fn health() -> Response {
     answer::json(
@@ -56,7 +64,7 @@ pub(super) async fn metrics(State(service): State<Arc<Service>>) -> Result<Respo
 }
 
 pub(super) async fn openapi() -> Response {
-    ([(header::CONTENT_TYPE, "application/json")], DOCUMENT.as_str()).into_response()
+    ([(header::CONTENT_TYPE, "application/json")], TEXT.as_str()).into_response()
 }
 
 #[cfg(test)]
@@ -70,7 +78,7 @@ mod tests {
     /// state, and no other; every reference in it leads somewhere.
     #[test]
     fn the_document_is_the_interface() {
-        let document: Value = serde_json::from_str(&DOCUMENT).expect("JSON");
+        let document = document();
         assert_eq!(document["openapi"], "3.1.0");
         let router = include_str!("router.rs");
         let mut routes = BTreeSet::new();

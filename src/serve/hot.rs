@@ -3,10 +3,12 @@
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use sha2::{Digest, Sha256};
+
 use super::problem::Problem;
 use super::{Service, StoreError};
 use crate::model::Model;
-use crate::pipeline::{self, files};
+use crate::pipeline::{self, Light, files};
 
 /// The cache.
 #[derive(Debug)]
@@ -15,10 +17,18 @@ pub(super) struct Hot {
     inner: Mutex<Inner>,
 }
 
+/// Lights that are kept ready, each with its model folded under it.
+const MOST_LIGHTS: usize = 16;
+
+/// A model's id, and a digest of the light's name.
+type LightKey = (String, [u8; 32]);
+
 #[derive(Debug, Default)]
 struct Inner {
     /// The latest used one last.
     models: Vec<(String, Arc<Model>, u64)>,
+    /// The latest used one last.
+    lights: Vec<(LightKey, Arc<Light>)>,
     hits: u64,
     misses: u64,
 }
@@ -52,9 +62,40 @@ impl Hot {
         Ok(Some(model))
     }
 
+    /// A light on a model, folded once and kept. `name` tells lights apart: what is made under
+    /// one name must always be the same.
+    ///
+    /// # Errors
+    /// What `make` objects to.
+    pub(super) fn light(
+        &self,
+        id: &str,
+        name: &[u8],
+        make: impl FnOnce() -> Result<Light, Problem>,
+    ) -> Result<Arc<Light>, Problem> {
+        let key = (id.to_owned(), Sha256::digest(name).into());
+        let mut inner = self.lock();
+        if let Some(at) = inner.lights.iter().position(|(known, _)| *known == key) {
+            let entry = inner.lights.remove(at);
+            let light = Arc::clone(&entry.1);
+            inner.lights.push(entry);
+            return Ok(light);
+        }
+        drop(inner);
+        let light = Arc::new(make()?);
+        let mut inner = self.lock();
+        inner.lights.push((key, Arc::clone(&light)));
+        if inner.lights.len() > MOST_LIGHTS {
+            inner.lights.remove(0);
+        }
+        Ok(light)
+    }
+
     /// Forgets a model.
     pub(super) fn forget(&self, id: &str) {
-        self.lock().models.retain(|(known, ..)| known != id);
+        let mut inner = self.lock();
+        inner.models.retain(|(known, ..)| known != id);
+        inner.lights.retain(|((known, _), _)| known != id);
     }
 
     pub(super) fn figures(&self) -> HotFigures {
@@ -121,6 +162,16 @@ mod tests {
         assert!(hot.take("a").is_some());
         hot.put("c", &model(), 40);
         assert!(hot.take("b").is_none() && hot.take("a").is_some() && hot.take("c").is_some());
+        let make = || {
+            let colours = vec![vec![1.0; model().header().coefficients()]];
+            Light::new(&model(), colours).map_err(|error| Problem::internal(&error))
+        };
+        let light = || hot.light("a", b"white", make).expect("a light");
+        assert!(Arc::ptr_eq(&light(), &light()), "a light is folded twice");
+        for other in 0..MOST_LIGHTS as u64 {
+            hot.light("c", &other.to_le_bytes(), make).expect("a light");
+        }
+        assert_eq!(hot.lock().lights.len(), MOST_LIGHTS);
         hot.forget("a");
         let figures = hot.figures();
         assert_eq!((figures.models, figures.bytes, figures.hits, figures.misses), (1, 40, 3, 1));

@@ -12,9 +12,10 @@ use sha2::{Digest, Sha256};
 
 use super::answer::{self, Params, blocking, bytes, text};
 use super::guard::Client;
+use super::prepare::prepare;
 use super::problem::Problem;
-use super::request::{JobRequest, of_pipeline};
-use super::store::{self, Cancelled, Deleted, Job, Key, NewJob, Submitted, hexadecimal, now_ms};
+use super::request::{JobRequest, Kind, of_pipeline};
+use super::store::{Cancelled, Deleted, Job, Key, Submitted, hexadecimal};
 use super::{Service, store::State as JobState};
 use crate::pipeline;
 
@@ -23,9 +24,6 @@ const MOST_LISTED: u32 = 100;
 
 /// Bytes of an `Idempotency-Key`.
 const MOST_KEY_BYTES: usize = 255;
-
-/// A running job that told nothing for this long may be stuck.
-const STALLED_MS: i64 = 120_000;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -38,6 +36,7 @@ pub(super) struct SubmitQuery {
 #[serde(deny_unknown_fields)]
 pub(super) struct ListQuery {
     state: Option<String>,
+    kind: Option<String>,
     page_size: Option<u32>,
     page_token: Option<i64>,
 }
@@ -63,38 +62,42 @@ pub(super) async fn submit(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
+    // Held from the first byte on: who sends slowly holds nobody's key but its own.
+    let key = key(&headers, client.name)?.filter(|_| !query.dry_run);
+    let _held = key.as_ref().map(|key| hold(&service, key)).transpose()?;
     let body = bytes(&headers, body, service.settings.limits.body_bytes).await?;
     let request = JobRequest::read(&body)?;
-    let key = key(&headers, client.name, &body)?.filter(|_| !query.dry_run);
-    let _held = key.as_ref().map(|key| hold(&service, key)).transpose()?;
+    let body_sha256 = hexadecimal(&Sha256::digest(&body));
+    let key = key.map(|(owner, key)| Key { owner, key, body_sha256 });
     if let Some(key) = key.clone() {
         let worker = Arc::clone(&service);
         let seen = blocking(move || Ok(worker.store.by_key(&key)?)).await?;
         if let Some(seen) = seen {
-            return accepted(seen);
+            return accepted(&service, seen);
         }
     }
     let permit = service.imports.acquire().await.map_err(|error| Problem::internal(&error))?;
     let worker = Arc::clone(&service);
     let answer = match query.dry_run {
         true => blocking(move || dry_run(&worker, &request)).await,
-        false => blocking(move || accepted(prepare(&worker, &request, key.as_ref())?)).await,
+        false => {
+            blocking(move || accepted(&worker, prepare(&worker, request, key.as_ref())?)).await
+        }
     };
     drop(permit);
     service.runner.wake();
     answer
 }
 
-/// The client's key, if it has one.
-fn key(headers: &HeaderMap, owner: String, body: &[u8]) -> Result<Option<Key>, Problem> {
+/// Whose key and which, if there is one.
+fn key(headers: &HeaderMap, owner: String) -> Result<Option<(String, String)>, Problem> {
     let Some(key) = headers.get("idempotency-key") else { return Ok(None) };
     let sound = key.to_str().ok().filter(|key| !key.is_empty() && key.len() <= MOST_KEY_BYTES);
     let Some(key) = sound else {
         let fault = format!("a key is 1 to {MOST_KEY_BYTES} printable ASCII characters");
         return Err(Problem::field("Idempotency-Key", fault));
     };
-    let body_sha256 = hexadecimal(&Sha256::digest(body));
-    Ok(Some(Key { owner, key: key.to_owned(), body_sha256 }))
+    Ok(Some((owner, key.to_owned())))
 }
 
 /// A key whose request is being handled; free again when dropped.
@@ -103,14 +106,13 @@ struct Held {
     key: (String, String),
 }
 
-fn hold(service: &Arc<Service>, key: &Key) -> Result<Held, Problem> {
-    let key = (key.owner.clone(), key.key.clone());
+fn hold(service: &Arc<Service>, key: &(String, String)) -> Result<Held, Problem> {
     let mut keys = service.keys.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     if !keys.insert(key.clone()) {
         let detail = "another request with this key is being handled";
         return Err(Problem::new(StatusCode::CONFLICT, "key-in-use", detail).retry_after(1));
     }
-    Ok(Held { service: Arc::clone(service), key })
+    Ok(Held { service: Arc::clone(service), key: key.clone() })
 }
 
 impl Drop for Held {
@@ -122,6 +124,10 @@ impl Drop for Held {
 
 /// What a job would cost.
 fn dry_run(service: &Service, request: &JobRequest) -> Result<Response, Problem> {
+    if request.kind.needs_dataset() {
+        let fault = "a plan is made for jobs of kind `run` and `bake`";
+        return Err(Problem::field("dry_run", fault));
+    }
     let incoming = service.store.folder().incoming()?;
     request.lay_out(service, incoming.path())?;
     let job = request.open(incoming.path()).map_err(|error| of_pipeline(&error))?;
@@ -129,44 +135,7 @@ fn dry_run(service: &Service, request: &JobRequest) -> Result<Response, Problem>
     Ok(answer::json(StatusCode::OK, &plan.document(&job)))
 }
 
-/// Imports the scene, so that what stops the job from starting is told now, and writes the job
-/// down.
-fn prepare(
-    service: &Service,
-    request: &JobRequest,
-    key: Option<&Key>,
-) -> Result<Submitted, Problem> {
-    let incoming = service.store.folder().incoming()?;
-    request.lay_out(service, incoming.path())?;
-    let hashes = request.open(incoming.path()).map_err(|error| of_pipeline(&error))?.hashes;
-    let id = store::random_id()?;
-    let known = service.store.model(&hashes.fit)?.is_some();
-    let result = known.then(|| result(&hashes.fit, None).to_string());
-    let sources = service.store.folder().sources(&id);
-    store::settle(incoming.path(), &sources)?;
-    let text = serde_json::to_string(request).map_err(|error| Problem::internal(&error))?;
-    let new = NewJob {
-        id: &id,
-        priority: i64::from(request.priority),
-        request: &text,
-        bake: &hashes.bake,
-        fit: &hashes.fit,
-        result: result.as_deref(),
-        most_queued: service.settings.limits.queued_jobs,
-    };
-    let submitted = service.store.submit(&new, key);
-    if !matches!(submitted, Ok(Submitted::New(_))) {
-        store::remove(&sources)?;
-    }
-    Ok(submitted?)
-}
-
-/// A finished job's result.
-pub(super) fn result(fit: &str, target_met: Option<bool>) -> Value {
-    json!({ "model": fit, "href": format!("/v1/models/{fit}"), "target_met": target_met })
-}
-
-fn accepted(submitted: Submitted) -> Result<Response, Problem> {
+fn accepted(service: &Service, submitted: Submitted) -> Result<Response, Problem> {
     let job = match submitted {
         Submitted::New(job) => {
             tracing::info!(job = job.id, cached = job.cached, "accepted");
@@ -177,6 +146,11 @@ fn accepted(submitted: Submitted) -> Result<Response, Problem> {
             let detail = "this Idempotency-Key was sent before with another body";
             return Err(Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "key-reused", detail));
         }
+        Submitted::NoDataset => {
+            let detail = "the data set was deleted just now; submit its bake again";
+            let status = StatusCode::UNPROCESSABLE_ENTITY;
+            return Err(Problem::new(status, "unknown-dataset", detail));
+        }
         Submitted::Full(waiting) => {
             let detail = format!("{waiting} jobs are waiting");
             return Err(Problem::new(StatusCode::TOO_MANY_REQUESTS, "queue-full", detail)
@@ -184,7 +158,7 @@ fn accepted(submitted: Submitted) -> Result<Response, Problem> {
                 .retry_after(30));
         }
     };
-    let mut response = answer::json(StatusCode::ACCEPTED, &show(&job));
+    let mut response = answer::json(StatusCode::ACCEPTED, &show(service, &job));
     if let Ok(location) = HeaderValue::from_str(&format!("/v1/jobs/{}", job.id)) {
         response.headers_mut().insert(header::LOCATION, location);
     }
@@ -192,24 +166,33 @@ fn accepted(submitted: Submitted) -> Result<Response, Problem> {
 }
 
 /// A job as clients see it.
-pub(super) fn show(job: &Job) -> Value {
+pub(super) fn show(service: &Service, job: &Job) -> Value {
     let parse = |text: &Option<String>| -> Value {
         text.as_deref().and_then(|text| serde_json::from_str(text).ok()).unwrap_or(Value::Null)
     };
     let mut progress = parse(&job.progress);
-    if let (JobState::Running, Some(at)) = (job.state, progress["at_ms"].as_i64()) {
-        progress["stalled"] = json!(now_ms() - at > STALLED_MS);
+    let silent_s = service.runner.silent_s(&job.id);
+    if let (Value::Object(progress), Some(silent_s)) = (&mut progress, silent_s) {
+        let stalled = silent_s >= u64::from(service.settings.limits.stalled_s);
+        progress.insert("silent_s".to_owned(), json!(silent_s));
+        progress.insert("stalled".to_owned(), json!(stalled));
+    }
+    let mut hashes = json!({ "bake": job.bake, "result": job.key });
+    if job.kind == Kind::Run.name() {
+        hashes["fit"] = json!(job.key);
     }
     let mut value = json!({
         "id": job.id,
+        "kind": job.kind,
         "state": job.state.name(),
         "priority": job.priority,
         "cached": job.cached,
         "attempts": job.attempts,
+        "memory_bytes": job.memory_bytes,
         "created_ms": job.created_ms,
         "started_ms": job.started_ms,
         "finished_ms": job.finished_ms,
-        "hashes": { "bake": job.bake, "fit": job.fit },
+        "hashes": hashes,
         "progress": progress,
         "request": serde_json::from_str::<Value>(&job.request).unwrap_or(Value::Null),
     });
@@ -233,9 +216,18 @@ pub(super) async fn list(
             Problem::field("state", format!("`{name}` is none of {names}"))
         })?),
     };
-    let jobs = blocking(move || Ok(service.store.jobs(before, state, count)?)).await?;
+    let kind = match query.kind.as_deref() {
+        None => None,
+        Some(name) => Some(Kind::from_name(name).ok_or_else(|| {
+            let names = Kind::ALL.map(Kind::name).join(", ");
+            Problem::field("kind", format!("`{name}` is none of {names}"))
+        })?),
+    };
+    let worker = Arc::clone(&service);
+    let kind = kind.map(Kind::name);
+    let jobs = blocking(move || Ok(worker.store.jobs(before, state, kind, count)?)).await?;
     let next = (jobs.len() == count as usize).then(|| jobs.last().map(|job| job.seq)).flatten();
-    let jobs: Vec<Value> = jobs.iter().map(show).collect();
+    let jobs: Vec<Value> = jobs.iter().map(|job| show(&service, job)).collect();
     Ok(answer::json(StatusCode::OK, &json!({ "jobs": jobs, "next_page_token": next })))
 }
 
@@ -250,7 +242,8 @@ pub(super) async fn get(
     State(service): State<Arc<Service>>,
     Path(id): Path<String>,
 ) -> Result<Response, Problem> {
-    Ok(answer::json(StatusCode::OK, &show(&find(&service, id).await?)))
+    let job = find(&service, id).await?;
+    Ok(answer::json(StatusCode::OK, &show(&service, &job)))
 }
 
 pub(super) async fn cancel(
@@ -262,7 +255,7 @@ pub(super) async fn cancel(
         Cancelled::Yes(job) => {
             service.runner.cancel(&job.id);
             tracing::info!(job = job.id, "to be cancelled");
-            Ok(answer::json(StatusCode::ACCEPTED, &show(&job)))
+            Ok(answer::json(StatusCode::ACCEPTED, &show(&service, &job)))
         }
         Cancelled::Ended(state) => {
             let detail = format!("the job has {}; nothing is left to cancel", state.name());

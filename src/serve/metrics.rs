@@ -1,6 +1,7 @@
 //! Figures of the running service, in the text form that Prometheus reads.
 
 use std::fmt::Write;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
@@ -19,12 +20,19 @@ pub(super) struct Metrics {
     /// Evaluations by latency; the last are beyond every bound.
     evaluations: [AtomicU64; BOUNDS_US.len() + 1],
     evaluation_us: AtomicU64,
+    /// Connections that are open now.
+    connections: Arc<AtomicU64>,
 }
 
 impl Metrics {
     /// Rays that a finished job cast.
     pub(super) fn rays(&self, count: u64) {
         self.rays.fetch_add(count, Ordering::Relaxed);
+    }
+
+    /// The count of open connections, which goes up and down.
+    pub(super) fn connections(&self) -> Arc<AtomicU64> {
+        Arc::clone(&self.connections)
     }
 
     pub(super) fn answered(&self, status: u16) {
@@ -60,6 +68,9 @@ impl Metrics {
             let (class, count) = (class + 1, count.load(Ordering::Relaxed));
             let _ = writeln!(out, "poselight_answers_total{{status=\"{class}xx\"}} {count}");
         }
+        head(&mut out, "connections", "gauge", "Connections that are open.");
+        let open = self.connections.load(Ordering::Relaxed);
+        let _ = writeln!(out, "poselight_connections {open}");
         head(&mut out, "hot_models", "gauge", "Models ready to be evaluated.");
         let _ = writeln!(out, "poselight_hot_models {}", hot.models);
         head(&mut out, "hot_bytes", "gauge", "Bytes of those models' blobs.");

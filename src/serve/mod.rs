@@ -11,7 +11,9 @@
 
 mod answer;
 mod assets;
+mod broken;
 mod connections;
+mod docs;
 mod evaluate;
 mod events;
 mod files;
@@ -19,14 +21,24 @@ mod guard;
 mod health;
 mod hot;
 mod jobs;
+mod memory;
 mod metrics;
 mod models;
+mod origins;
 mod poses;
+mod prepare;
+mod priority;
 mod problem;
+mod rates;
+mod recorder;
 mod request;
+mod results;
+mod retention;
 mod router;
 mod runner;
+mod stages;
 mod store;
+mod webhooks;
 
 use std::collections::BTreeSet;
 use std::net::{SocketAddr, TcpListener};
@@ -38,9 +50,11 @@ use std::time::Duration;
 use tokio::sync::{Semaphore, watch};
 
 pub use store::{Error as StoreError, NewToken, Store, Token};
+pub use webhooks::{BadSecret, Secret};
 
 use hot::Hot;
 use metrics::Metrics;
+use rates::Rates;
 use runner::Runner;
 
 /// How the service runs.
@@ -52,6 +66,19 @@ pub struct Settings {
     pub address: SocketAddr,
     /// What is bounded.
     pub limits: Limits,
+    /// How those are told who asked to be told of a job's end.
+    pub webhooks: Webhooks,
+    /// Origins, such as `https://tools.example`, whose pages may ask. Default none.
+    pub origins: Vec<String>,
+}
+
+/// How those are told who asked to be told of a job's end.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Webhooks {
+    /// What messages are signed with; without it none are sent.
+    pub secret: Option<Secret>,
+    /// Whether messages may go to addresses that are not public. Default false.
+    pub private: bool,
 }
 
 /// Upper bounds of what comes from outside. A request beyond one is refused with the limit's name.
@@ -71,6 +98,8 @@ pub struct Limits {
     pub connections: u32,
     /// Seconds for the head of a request. Default 10.
     pub head_s: u32,
+    /// Seconds that an upload may pause. Default 30.
+    pub idle_s: u32,
     /// Seconds for a whole request; uploads, downloads and events have no such limit. Default 60.
     pub request_s: u32,
     /// Poses of one evaluation. Default 4096.
@@ -79,6 +108,16 @@ pub struct Limits {
     pub answer_bytes: u64,
     /// Bytes of models that are kept ready to be evaluated. Default 1 GiB.
     pub hot_bytes: u64,
+    /// Bytes of memory that jobs may take together; what the machine has, where absent.
+    pub memory_bytes: Option<u64>,
+    /// Requests a second of each token; unbounded where absent.
+    pub rate_hz: Option<u32>,
+    /// Days that ended jobs and unused assets are kept; for ever where absent.
+    pub keep_days: Option<u32>,
+    /// Bytes of data sets that are kept, the latest; all where absent.
+    pub keep_bytes: Option<u64>,
+    /// Seconds without progress after which a running job is called stalled. Default 300.
+    pub stalled_s: u32,
 }
 
 impl Default for Limits {
@@ -91,10 +130,16 @@ impl Default for Limits {
             running_jobs: 1,
             connections: 16_384,
             head_s: 10,
+            idle_s: 30,
             request_s: 60,
             poses: 4096,
             answer_bytes: 256 << 20,
             hot_bytes: 1 << 30,
+            memory_bytes: None,
+            rate_hz: None,
+            keep_days: None,
+            keep_bytes: None,
+            stalled_s: 300,
         }
     }
 }
@@ -133,6 +178,7 @@ struct Service {
     runner: Runner,
     hot: Hot,
     metrics: Metrics,
+    rates: Rates,
     /// Idempotency keys whose first request is being handled.
     keys: Mutex<BTreeSet<(String, String)>>,
     /// Scenes that are imported at once.
@@ -152,11 +198,15 @@ const GLANCE: Duration = Duration::from_millis(50);
 /// Scenes that are imported at once: an import may take gigabytes.
 const IMPORTS: usize = 2;
 
+/// Between two looks whether a disk that was broken is mended.
+const MENDED: Duration = Duration::from_secs(2);
+
 /// Serves until `stop` is set. `ready` is told the address, which matters where port 0 was asked
 /// for.
 ///
 /// Streams of events end when the service does; a running job stops at its next block of work and
-/// continues at the next start.
+/// continues at the next start. Where disk or database do not let it work, the service lives, says
+/// so, and begins when they do.
 ///
 /// # Errors
 /// [`Error`]: a folder that is served already, an address that is taken, no token on an open one.
@@ -167,38 +217,95 @@ pub fn serve(
 ) -> Result<(), Error> {
     let address = settings.address;
     let listen = |source| Error::Listen { address, source };
-    let store = Store::open(&settings.folder)?;
-    let guarded = store.has_tokens()?;
-    if !guarded && !address.ip().is_loopback() {
-        return Err(Error::Open(address));
-    }
-    let listener = TcpListener::bind(address).map_err(listen)?;
-    listener.set_nonblocking(true).map_err(listen)?;
-    let bound = listener.local_addr().map_err(listen)?;
-    let (stopper, stopping) = watch::channel(false);
-    let service = Arc::new(Service {
-        hot: Hot::new(settings.limits.hot_bytes),
-        settings,
-        store,
-        runner: Runner::default(),
-        metrics: Metrics::default(),
-        keys: Mutex::default(),
-        imports: Semaphore::new(IMPORTS),
-        stopping,
-        guarded,
-    });
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
         .max_blocking_threads(64)
         .enable_all()
         .build()
         .map_err(Error::Threads)?;
-    let running = Arc::clone(&service);
-    let worker = std::thread::Builder::new()
-        .name("jobs".into())
-        .spawn(move || runner::work(&running))
-        .map_err(Error::Threads)?;
-    ready(bound);
+    let first = open(&settings)?;
+    let listener = TcpListener::bind(address).map_err(listen)?;
+    listener.set_nonblocking(true).map_err(listen)?;
+    ready(listener.local_addr().map_err(listen)?);
+    let store = match first {
+        Ok(store) => store,
+        Err(fault) => match broken::wait(&runtime, &listener, &settings, &fault, stop)? {
+            Some(store) => store,
+            None => return Ok(()),
+        },
+    };
+    let listener = listener.try_clone().map_err(listen)?;
+    run(settings, store, listener, &runtime, stop)?;
+    runtime.shutdown_timeout(Duration::from_secs(1));
+    tracing::info!("stopped");
+    Ok(())
+}
+
+/// Whether the service would start with these settings: folder, address and all. Nothing is served,
+/// and a service that runs is not disturbed: its folder and address count as found.
+///
+/// # Errors
+/// As [`serve`]; a folder that cannot be written.
+pub fn check(settings: &Settings) -> Result<(), Error> {
+    let store = Store::visit(&settings.folder)?;
+    if !store.has_tokens()? && !settings.address.ip().is_loopback() {
+        return Err(Error::Open(settings.address));
+    }
+    let address = settings.address;
+    match TcpListener::bind(address) {
+        Err(source) if source.kind() != std::io::ErrorKind::AddrInUse => {
+            Err(Error::Listen { address, source })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The store, or why the disk does not let it be opened.
+fn open(settings: &Settings) -> Result<Result<Store, StoreError>, Error> {
+    let store = match Store::open(&settings.folder) {
+        Ok(store) => store,
+        Err(error) if error.is_of_the_disk() => return Ok(Err(error)),
+        Err(error) => return Err(error.into()),
+    };
+    if !store.has_tokens()? && !settings.address.ip().is_loopback() {
+        return Err(Error::Open(settings.address));
+    }
+    Ok(Ok(store))
+}
+
+/// Serves with a store that works.
+fn run(
+    settings: Settings,
+    store: Store,
+    listener: TcpListener,
+    runtime: &tokio::runtime::Runtime,
+    stop: &'static AtomicBool,
+) -> Result<(), Error> {
+    let (stopper, stopping) = watch::channel(false);
+    let guarded = store.has_tokens()?;
+    let service = Arc::new(Service {
+        hot: Hot::new(settings.limits.hot_bytes),
+        settings,
+        store,
+        runner: Runner::default(),
+        metrics: Metrics::default(),
+        rates: Rates::default(),
+        keys: Mutex::default(),
+        imports: Semaphore::new(IMPORTS),
+        stopping,
+        guarded,
+    });
+    let thread = |name: &str, work: fn(&Arc<Service>)| {
+        let running = Arc::clone(&service);
+        let builder = std::thread::Builder::new().name(name.to_owned());
+        builder.spawn(move || work(&running)).map_err(Error::Threads)
+    };
+    priority::lower_compute_threads();
+    let workers = [
+        thread("jobs", runner::work)?,
+        thread("webhooks", webhooks::work)?,
+        thread("retention", retention::work)?,
+    ];
     runtime.block_on(async {
         let waiting = async {
             while !stop.load(Ordering::Relaxed) {
@@ -208,12 +315,16 @@ pub fn serve(
             stopper.send_replace(true);
             service.runner.stop();
         };
-        tokio::join!(connections::accept(listener, &service), waiting);
+        let app = router::router(&service);
+        let limits = service.settings.limits;
+        let open = service.metrics.connections();
+        let stopping = service.stopping.clone();
+        tokio::join!(connections::accept(listener, limits, app, open, stopping), waiting);
     });
-    runtime.shutdown_timeout(Duration::from_secs(1));
-    if worker.join().is_err() {
+    // The others leave nothing half done that the next start would not see.
+    let [jobs, ..] = workers;
+    if jobs.join().is_err() {
         tracing::error!("the thread that runs jobs had panicked");
     }
-    tracing::info!("stopped");
     Ok(())
 }

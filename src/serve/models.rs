@@ -16,7 +16,7 @@ use crate::model::Model;
 use crate::pipeline;
 
 /// What the report page may do: show itself.
-const REPORT_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:; sandbox allow-scripts";
+pub(super) const REPORT_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:; sandbox allow-scripts";
 
 /// A model by the id in a path.
 async fn find(service: &Arc<Service>, id: &str) -> Result<StoredModel, Problem> {
@@ -128,8 +128,13 @@ pub(super) async fn figures(
 async fn text(service: &Arc<Service>, id: &str, name: &str) -> Result<Vec<u8>, Problem> {
     find(service, id).await?;
     let path = service.store.folder().model(id).join(name);
-    let read = tokio::fs::read(&path).await;
-    read.map_err(|source| StoreError::Io { action: "read", path, source }.into())
+    match tokio::fs::read(&path).await {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            let detail = "this model was fitted but not measured: submit a job of kind `measure`";
+            Err(Problem::new(StatusCode::NOT_FOUND, "not-found", detail))
+        }
+        read => read.map_err(|source| StoreError::Io { action: "read", path, source }.into()),
+    }
 }
 
 pub(super) async fn delete(

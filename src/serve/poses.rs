@@ -1,6 +1,7 @@
 //! What an evaluation is asked for: poses as a tool has them.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use glam::{Quat, Vec3};
 use serde::Deserialize;
@@ -60,11 +61,55 @@ struct ClipRequest {
     times_s: Vec<f32>,
 }
 
+/// Exactly one of `coefficients` and `asset`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct LightRequest {
     /// n² coefficients of incoming radiance in the root frame, for 1 or 3 colours.
-    coefficients: Vec<Vec<f32>>,
+    coefficients: Option<Vec<Vec<f32>>>,
+    /// SHA-256 of an uploaded map.
+    asset: Option<String>,
+    /// The map is turned so far about +Y.
+    #[serde(default)]
+    turn_degrees: f64,
+}
+
+impl LightRequest {
+    /// The light on a model, from the cache where it was met before.
+    fn on(&self, service: &Service, id: &str, model: &Model) -> Result<Arc<Light>, Problem> {
+        match (&self.coefficients, &self.asset) {
+            (Some(colours), None) => {
+                let mut name = Vec::new();
+                for colour in colours {
+                    name.extend_from_slice(&(colour.len() as u64).to_le_bytes());
+                    name.extend(colour.iter().flat_map(|value| value.to_le_bytes()));
+                }
+                service.hot.light(id, &name, || {
+                    let light = Light::new(model, colours.clone());
+                    light.map_err(|error| refused("#/light/coefficients".to_owned(), &error))
+                })
+            }
+            (None, Some(asset)) => {
+                let name = format!("{asset} {}", self.turn_degrees.to_bits());
+                service.hot.light(id, name.as_bytes(), || self.of_map(service, model, asset))
+            }
+            _ => Err(Problem::field("#/light", "give one of `coefficients` and `asset`")),
+        }
+    }
+
+    fn of_map(&self, service: &Service, model: &Model, asset: &str) -> Result<Light, Problem> {
+        let known = if is_sha256(asset) { service.store.asset(asset)? } else { None };
+        let Some(known) = known else {
+            return Err(Problem::field("#/light/asset", "it does not name an uploaded asset"));
+        };
+        let path = service.store.folder().asset(asset);
+        let bytes = pipeline::files::read(&path, known.bytes);
+        let bytes = bytes.map_err(|error| Problem::internal(&error))?;
+        let refuse = |error: &dyn std::fmt::Display| Problem::field("#/light", error.to_string());
+        let colours = pipeline::map_light(model, &bytes, "the map", self.turn_degrees)
+            .map_err(|error| refuse(&error))?;
+        Light::new(model, colours).map_err(|error| refused("#/light".to_owned(), &error))
+    }
 }
 
 impl EvaluateRequest {
@@ -112,12 +157,13 @@ impl EvaluateRequest {
     ///
     /// # Errors
     /// What is wrong with it.
-    pub(super) fn light(&self, model: &Model) -> Result<Option<Light>, Problem> {
-        let light = |request: &LightRequest| {
-            Light::new(model, request.coefficients.clone())
-                .map_err(|error| refused("#/light/coefficients".to_owned(), &error))
-        };
-        self.light.as_ref().map(light).transpose()
+    pub(super) fn light(
+        &self,
+        service: &Service,
+        id: &str,
+        model: &Model,
+    ) -> Result<Option<Arc<Light>>, Problem> {
+        self.light.as_ref().map(|light| light.on(service, id, model)).transpose()
     }
 }
 

@@ -21,7 +21,7 @@ pub(super) struct Problem {
 }
 
 /// Every kind with its title; the document of the interface lists them.
-pub(super) const KINDS: [(&str, &str); 20] = [
+pub(super) const KINDS: [(&str, &str); 24] = [
     ("asset-too-large", "The asset is over a limit"),
     ("bad-asset", "The file is no scene that can be read"),
     ("bad-request", "The request makes no sense"),
@@ -33,15 +33,19 @@ pub(super) const KINDS: [(&str, &str); 20] = [
     ("invalid-field", "A field has a value that it cannot have"),
     ("invalid-json", "The body is no JSON document of this kind"),
     ("invalid-pose", "The model cannot be evaluated so"),
+    ("job-too-large", "The job needs more memory than there is"),
     ("key-in-use", "The first request with this key is still being handled"),
     ("key-reused", "The key was used with another body"),
     ("not-found", "There is no such thing"),
     ("not-satisfiable", "The range is not within the file"),
     ("queue-full", "Too many jobs are waiting"),
+    ("rate-limited", "The token's requests come too often"),
     ("storage-full", "There is no room left"),
     ("timeout", "The request took too long"),
     ("unauthorized", "A token is needed"),
+    ("unavailable", "The service cannot work now"),
     ("unknown-asset", "An asset was not uploaded"),
+    ("unknown-dataset", "A data set is not there"),
 ];
 
 impl Problem {
@@ -86,6 +90,11 @@ impl Problem {
     pub(super) fn retry_after(mut self, seconds: u32) -> Self {
         self.retry_after_s = Some(seconds);
         self
+    }
+
+    /// The sentence.
+    pub(super) fn detail(&self) -> &str {
+        &self.detail
     }
 
     /// As it is sent, and as a job's error is kept.

@@ -1,9 +1,10 @@
 //! What a job is asked for, and whether it can start.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use axum::http::StatusCode;
+use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
 use super::Service;
@@ -13,7 +14,7 @@ use super::files::link;
 use super::problem::Problem;
 use super::store::create;
 use crate::pipeline::recipe::{Recipe, VERSION};
-use crate::pipeline::{self, Checked, Job};
+use crate::pipeline::{self, CandidateRecipe, Checked, Job, Range};
 
 /// Files of one job.
 const MOST_FILES: usize = 256;
@@ -27,13 +28,38 @@ const MOST_NAME_BYTES: usize = 255;
 pub(super) struct JobRequest {
     /// What is to be done.
     pub(super) kind: Kind,
-    /// The files of the scene: name → SHA-256 of an uploaded asset.
+    /// The files of the scene: name → SHA-256 of an uploaded asset; of `run` and `bake`.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub(super) assets: BTreeMap<String, String>,
+    /// Hash of a bake that another job has finished; of `fit` and `tradeoff`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) dataset: Option<String>,
+    /// Id of a model whose data set is still there; of `measure`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) model: Option<String>,
+    /// How far to look; of `tradeoff`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) range: Option<RangeName>,
+    /// Only candidates whose name has one of these in it; of `tradeoff`, and of `fit` with a target.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) only: Vec<String>,
     /// The recipe; `scene.file` is one of `assets`, and may be left out where there is only one.
+    /// Of jobs on a data set only the parts that the stage reads; the others are the data set's.
     pub(super) recipe: Recipe,
     /// Higher ones run first.
     #[serde(default)]
     pub(super) priority: i32,
+    /// Whom to tell when the job has ended.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) webhook: Option<Webhook>,
+}
+
+/// Whom to tell when a job has ended.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Webhook {
+    /// Where the message is posted.
+    pub(super) url: String,
 }
 
 /// Kinds of jobs.
@@ -42,6 +68,78 @@ pub(super) struct JobRequest {
 pub(super) enum Kind {
     /// Bake, fit, measure and report.
     Run,
+    /// A data set.
+    Bake,
+    /// A model of a data set.
+    Fit,
+    /// A model against references.
+    Measure,
+    /// Every family and size over one data set.
+    Tradeoff,
+}
+
+impl Kind {
+    /// Every kind.
+    pub(super) const ALL: [Self; 5] =
+        [Self::Run, Self::Bake, Self::Fit, Self::Measure, Self::Tradeoff];
+
+    /// As clients read it.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Run => "run",
+            Self::Bake => "bake",
+            Self::Fit => "fit",
+            Self::Measure => "measure",
+            Self::Tradeoff => "tradeoff",
+        }
+    }
+
+    /// The kind of this name.
+    pub(super) fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+
+    /// What it works on: a field of the request.
+    fn subject(self) -> &'static str {
+        match self {
+            Self::Run | Self::Bake => "assets",
+            Self::Fit | Self::Tradeoff => "dataset",
+            Self::Measure => "model",
+        }
+    }
+
+    /// The parts of the recipe that it reads.
+    fn parts(self) -> &'static [&'static str] {
+        match self {
+            Self::Run | Self::Bake => {
+                &["version", "scene", "poses", "bake", "fit", "target", "output"]
+            }
+            Self::Fit => &["version", "fit", "target", "output"],
+            Self::Measure => &["version", "target"],
+            Self::Tradeoff => &["version", "fit", "target"],
+        }
+    }
+
+    /// Whether it works on a data set that is there.
+    pub(super) fn needs_dataset(self) -> bool {
+        self.subject() != "assets"
+    }
+
+    /// Whether it makes a model.
+    pub(super) fn makes_model(self) -> bool {
+        matches!(self, Self::Run | Self::Fit)
+    }
+}
+
+/// How far a trade-off looks.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum RangeName {
+    /// Every family at a few sizes.
+    #[default]
+    Quick,
+    /// All.
+    Full,
 }
 
 impl JobRequest {
@@ -50,43 +148,99 @@ impl JobRequest {
     /// # Errors
     /// The first field at fault.
     pub(super) fn read(body: &[u8]) -> Result<Self, Problem> {
-        check_version(body)?;
+        let outer = outer(body)?;
         let mut request: Self = document(body)?;
+        request.check_parts(&outer)?;
         Checked::new(&request.recipe).map_err(|error| of_recipe(&error))?;
-        if request.assets.is_empty() || request.assets.len() > MOST_FILES {
+        // Filled in when the recipe is resolved; what a client says here has no part in it.
+        request.recipe.scene.sha256 = None;
+        match request.kind {
+            Kind::Run | Kind::Bake => request.check_assets()?,
+            Kind::Fit | Kind::Tradeoff => check_digest("dataset", request.dataset.as_deref())?,
+            Kind::Measure => check_digest("model", request.model.as_deref())?,
+        }
+        Ok(request)
+    }
+
+    /// Whether the request has what its kind reads, and nothing else.
+    fn check_parts(&self, outer: &Outer) -> Result<(), Problem> {
+        let kind = self.kind;
+        let options: &[&str] = match kind {
+            Kind::Tradeoff => &["range", "only"],
+            Kind::Fit => &["only"],
+            _ => &[],
+        };
+        for field in ["assets", "dataset", "model", "range", "only"] {
+            let own = field == kind.subject() || options.contains(&field);
+            if outer.fields.contains(field) && !own {
+                let fault = format!("a job of kind `{}` has no `{field}`", kind.name());
+                return Err(Problem::field(format!("#/{field}"), fault));
+            }
+        }
+        let other = outer.parts.iter().find(|part| !kind.parts().contains(&part.as_str()));
+        if let Some(part) = other {
+            let fault = format!(
+                "a job of kind `{}` takes `{part}` from the data set; leave it out",
+                kind.name()
+            );
+            return Err(Problem::field(format!("#/recipe/{part}"), fault));
+        }
+        Ok(())
+    }
+
+    /// Names and digests of the scene's files.
+    fn check_assets(&mut self) -> Result<(), Problem> {
+        if self.assets.is_empty() || self.assets.len() > MOST_FILES {
             let fault = format!("a job has 1 to {MOST_FILES} files");
             return Err(Problem::field("#/assets", fault));
         }
-        for (name, sha256) in &request.assets {
+        for (name, sha256) in &self.assets {
             let pointer = format!("#/assets/{}", name.replace('~', "~0").replace('/', "~1"));
             if !is_safe(name) {
                 let fault = "a name is relative, with `/` between parts, and leaves no folder";
                 return Err(Problem::field(pointer, fault));
             }
             if !is_sha256(sha256) {
-                let fault = "an asset is named by 64 lower-case hexadecimal digits";
-                return Err(Problem::field(pointer, fault));
+                return Err(Problem::field(pointer, DIGEST));
             }
         }
-        let file = &mut request.recipe.scene.file;
+        let file = &mut self.recipe.scene.file;
         if let (true, Some(only), 1) =
-            (file.is_empty(), request.assets.keys().next(), request.assets.len())
+            (file.is_empty(), self.assets.keys().next(), self.assets.len())
         {
             file.clone_from(only);
         }
-        // Filled in when the recipe is resolved; what a client says here has no part in it.
-        request.recipe.scene.sha256 = None;
-        let named = request.recipe.bake.surroundings.occluders.as_ref().map(|o| &o.file);
-        let scene = ("#/recipe/scene/file", &request.recipe.scene.file);
+        let named = self.recipe.bake.surroundings.occluders.as_ref().map(|o| &o.file);
+        let scene = ("#/recipe/scene/file", &self.recipe.scene.file);
         let occluders = named.map(|file| ("#/recipe/bake/surroundings/occluders/file", file));
         for (pointer, file) in [Some(scene), occluders].into_iter().flatten() {
-            if !request.assets.contains_key(file) {
-                let known: Vec<&str> = request.assets.keys().map(String::as_str).collect();
+            if !self.assets.contains_key(file) {
+                let known: Vec<&str> = self.assets.keys().map(String::as_str).collect();
                 let fault = format!("`{file}` is none of the job's assets, {}", known.join(", "));
                 return Err(Problem::field(pointer, fault));
             }
         }
-        Ok(request)
+        Ok(())
+    }
+
+    /// The models that a trade-off or a choice by target looks at.
+    ///
+    /// # Errors
+    /// Where there is none.
+    pub(super) fn candidates(&self, points: usize) -> Result<Vec<CandidateRecipe>, Problem> {
+        let range = match self.range.unwrap_or_default() {
+            RangeName::Quick => Range::Quick,
+            RangeName::Full => Range::Full,
+        };
+        let mut candidates = pipeline::candidates(&self.recipe, points, range);
+        if !self.only.is_empty() {
+            let named = |c: &CandidateRecipe| self.only.iter().any(|part| c.name.contains(part));
+            candidates.retain(named);
+        }
+        match candidates.is_empty() {
+            true => Err(Problem::field("#/only", "no candidate has any of these in its name")),
+            false => Ok(candidates),
+        }
     }
 
     /// Lays the scene's files out in a folder, under the names that the recipe has for them.
@@ -126,26 +280,48 @@ impl JobRequest {
     }
 }
 
+/// What a body names, whatever its values.
+#[derive(Debug, Default)]
+struct Outer {
+    /// Fields of the request.
+    fields: BTreeSet<String>,
+    /// Parts of its recipe.
+    parts: BTreeSet<String>,
+}
+
 /// The version before all else, since fields of another one would be called unknown.
-fn check_version(body: &[u8]) -> Result<(), Problem> {
+fn outer(body: &[u8]) -> Result<Outer, Problem> {
     #[derive(Deserialize)]
-    struct Outer {
-        recipe: Option<Inner>,
+    struct Raw<T> {
+        recipe: T,
     }
     #[derive(Deserialize)]
-    struct Inner {
-        version: Option<serde_json::Number>,
+    struct Version {
+        version: serde_json::Number,
     }
+    type Names = BTreeMap<String, IgnoredAny>;
     // A body that is none of this is refused with its reason when it is read in earnest.
-    let Ok(Outer { recipe: Some(Inner { version: Some(version) }) }) = serde_json::from_slice(body)
-    else {
-        return Ok(());
-    };
-    if version.as_u64() == Some(u64::from(VERSION)) {
-        return Ok(());
+    let versioned = serde_json::from_slice::<Raw<Version>>(body);
+    if let Ok(Raw { recipe: Version { version } }) = versioned
+        && version.as_u64() != Some(u64::from(VERSION))
+    {
+        let fault = format!("it is {version}; this build reads version {VERSION}");
+        return Err(Problem::field("#/recipe/version", fault));
     }
-    let fault = format!("it is {version}; this build reads version {VERSION}");
-    Err(Problem::field("#/recipe/version", fault))
+    let fields: Names = serde_json::from_slice(body).unwrap_or_default();
+    let parts = serde_json::from_slice::<Raw<Names>>(body).map(|raw| raw.recipe);
+    let names = |names: Names| names.into_keys().collect();
+    Ok(Outer { fields: names(fields), parts: names(parts.unwrap_or_default()) })
+}
+
+const DIGEST: &str = "64 lower-case hexadecimal digits are expected";
+
+fn check_digest(field: &str, digest: Option<&str>) -> Result<(), Problem> {
+    match digest {
+        Some(digest) if is_sha256(digest) => Ok(()),
+        Some(_) => Err(Problem::field(format!("#/{field}"), DIGEST)),
+        None => Err(Problem::field("#", format!("`{field}` is missing"))),
+    }
 }
 
 /// A name that stays within its folder.
@@ -176,6 +352,7 @@ pub(super) fn of_pipeline(error: &pipeline::Error) -> Problem {
             let detail = "the disk of the service is full";
             Problem::new(StatusCode::INSUFFICIENT_STORAGE, "storage-full", detail)
         }
+        pipeline::Error::Fit(error) => Problem::field("#/recipe/fit", error.to_string()),
         // These name files of ours.
         pipeline::Error::File { .. } | pipeline::Error::Dataset(_) => Problem::internal(error),
         other => Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid-field", other.to_string()),
@@ -216,6 +393,36 @@ mod tests {
         {
             JobRequest::read(body.as_bytes()).expect_err(body);
         }
+    }
+
+    /// Each kind has its own subject and reads its own parts of the recipe.
+    #[test]
+    fn kinds_read_their_own_parts() {
+        let digest = "a".repeat(64);
+        let fault = |rest: &str| {
+            let problem = JobRequest::read(format!("{{{rest}}}").as_bytes()).expect_err(rest);
+            problem.json()["errors"][0]["pointer"].as_str().unwrap_or_default().to_owned()
+        };
+        let version = r#""recipe":{"version":1}"#;
+        for kind in ["fit", "tradeoff"] {
+            let body = format!(r#"{{"kind":"{kind}","dataset":"{digest}",{version}}}"#);
+            JobRequest::read(body.as_bytes()).expect("sound");
+            assert_eq!(fault(&format!(r#""kind":"{kind}","assets":{{}},{version}"#)), "#/assets");
+            assert_eq!(fault(&format!(r#""kind":"{kind}",{version}"#)), "#");
+            let baked = format!(
+                r#""kind":"{kind}","dataset":"{digest}","recipe":{{"version":1,"bake":{{}}}}"#
+            );
+            assert_eq!(fault(&baked), "#/recipe/bake");
+        }
+        let measure = format!(r#""kind":"measure","model":"{digest}""#);
+        JobRequest::read(format!("{{{measure},{version}}}").as_bytes()).expect("sound");
+        assert_eq!(fault(&format!(r#"{measure},"range":"full",{version}"#)), "#/range");
+        assert_eq!(
+            fault(&format!(r#"{measure},"recipe":{{"version":1,"fit":{{}}}}"#)),
+            "#/recipe/fit"
+        );
+        assert_eq!(fault(&format!(r#""kind":"measure","model":"../x",{version}"#)), "#/model");
+        assert_eq!(fault(&format!(r#""kind":"fit","dataset":null,{version}"#)), "#");
     }
 
     /// Names cannot leave their folder.

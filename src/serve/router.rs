@@ -9,7 +9,7 @@ use axum::middleware;
 use axum::routing::{get, post, put};
 
 use super::problem::Problem;
-use super::{Service, assets, evaluate, events, guard, health, jobs, models};
+use super::{Service, assets, docs, evaluate, events, guard, health, jobs, models, results};
 
 /// Every path of the service.
 pub(super) fn router(service: &Arc<Service>) -> Router {
@@ -19,6 +19,8 @@ pub(super) fn router(service: &Arc<Service>) -> Router {
         .route("/v1/jobs/{id}", get(jobs::get).delete(jobs::delete))
         .route("/v1/jobs/{id}/cancel", post(jobs::cancel))
         .route("/v1/jobs/{id}/events", get(events::get))
+        .route("/v1/jobs/{id}/log", get(results::log))
+        .route("/v1/jobs/{id}/files/{name}", get(results::file))
         .route("/v1/models", get(models::list))
         .route("/v1/models/{id}", get(models::get).delete(models::delete))
         .route("/v1/models/{id}/blob", get(models::blob))
@@ -29,6 +31,7 @@ pub(super) fn router(service: &Arc<Service>) -> Router {
         .route("/ready", get(health::ready))
         .route("/metrics", get(health::metrics))
         .route("/openapi.json", get(health::openapi))
+        .route("/docs", get(docs::get))
         .fallback(unknown)
         .method_not_allowed_fallback(wrong_method)
         // Bodies are bounded where they are read, each by its own limit.

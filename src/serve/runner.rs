@@ -1,34 +1,20 @@
 //! Jobs at work: claimed from the store, run on compute threads, and written back.
 
 use std::collections::BTreeMap;
-use std::fs;
-use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use axum::http::StatusCode;
-use serde_json::{Value, json};
-use sha2::{Digest, Sha256};
+use serde_json::json;
 
-use super::jobs::result;
 use super::problem::Problem;
-use super::request::{JobRequest, of_pipeline};
-use super::store::{self, Done, Job, State, hexadecimal, now_ms};
-use super::{Service, StoreError};
-use crate::pipeline::{self, Progress, Watch, files};
-
-/// A job that was started so often without an end brings the service down, and is given up.
-const MOST_ATTEMPTS: i64 = 5;
+use super::recorder::{Recorder, log};
+use super::stages::{self, Failure};
+use super::store::{Done, Job, Level, State};
+use super::{Service, StoreError, memory, priority};
 
 /// Between two looks for work that nobody announced.
 const LOOK: Duration = Duration::from_secs(1);
-
-/// Between two records of progress; each costs a write to disk.
-const RECORD: Duration = Duration::from_millis(500);
-
-/// A model's blob at most.
-const MOST_MODEL_BYTES: u64 = 4 << 30;
 
 /// Which jobs run in this process.
 #[derive(Debug, Default)]
@@ -40,8 +26,44 @@ pub(super) struct Runner {
 #[derive(Debug, Default)]
 struct Active {
     stopping: bool,
-    /// Job → its brake.
-    jobs: BTreeMap<String, Arc<AtomicBool>>,
+    jobs: BTreeMap<String, Work>,
+}
+
+/// One job at work.
+#[derive(Debug)]
+struct Work {
+    seq: i64,
+    memory_bytes: u64,
+    brake: Arc<AtomicBool>,
+    pulse: Arc<Pulse>,
+}
+
+/// When a job last said something. The clock on the wall may go backwards; this one does not.
+#[derive(Debug)]
+pub(super) struct Pulse {
+    last: Mutex<Instant>,
+    stalled: AtomicBool,
+}
+
+impl Pulse {
+    fn new() -> Self {
+        Self { last: Mutex::new(Instant::now()), stalled: AtomicBool::new(false) }
+    }
+
+    /// The job is alive; whether it was thought to be stuck.
+    pub(super) fn beat(&self) -> bool {
+        *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
+        self.stalled.swap(false, Ordering::Relaxed)
+    }
+
+    fn silent(&self) -> Duration {
+        self.last.lock().unwrap_or_else(PoisonError::into_inner).elapsed()
+    }
+
+    /// Whether the job has just become silent for so long; true once.
+    fn stalls(&self, limit: Duration) -> bool {
+        self.silent() >= limit && !self.stalled.swap(true, Ordering::Relaxed)
+    }
 }
 
 impl Runner {
@@ -52,8 +74,8 @@ impl Runner {
 
     /// Stops one job at its next block of work.
     pub(super) fn cancel(&self, job: &str) {
-        if let Some(brake) = self.lock().jobs.get(job) {
-            brake.store(true, Ordering::Relaxed);
+        if let Some(work) = self.lock().jobs.get(job) {
+            work.brake.store(true, Ordering::Relaxed);
         }
     }
 
@@ -61,9 +83,18 @@ impl Runner {
     pub(super) fn stop(&self) {
         let mut active = self.lock();
         active.stopping = true;
-        active.jobs.values().for_each(|brake| brake.store(true, Ordering::Relaxed));
+        active.jobs.values().for_each(|work| work.brake.store(true, Ordering::Relaxed));
         drop(active);
         self.wake();
+    }
+
+    /// Seconds since a job that runs here last said something.
+    pub(super) fn silent_s(&self, job: &str) -> Option<u64> {
+        self.lock().jobs.get(job).map(|work| work.pulse.silent().as_secs())
+    }
+
+    fn is_stopping(&self) -> bool {
+        self.lock().stopping
     }
 
     fn lock(&self) -> MutexGuard<'_, Active> {
@@ -77,16 +108,24 @@ pub(super) fn work(service: &Arc<Service>) {
         let most = service.settings.limits.running_jobs as usize;
         let mut active = service.runner.lock();
         while !active.stopping {
-            let claimed = if active.jobs.len() < most { claim(service) } else { None };
+            let reserved = active.jobs.values().map(|work| work.memory_bytes).sum();
+            let claimed = if active.jobs.len() < most { claim(service, reserved) } else { None };
             let Some(job) = claimed else {
                 let waited = service.runner.bell.wait_timeout(active, LOOK);
                 active = waited.unwrap_or_else(PoisonError::into_inner).0;
+                look_for_stalls(service, &active);
                 continue;
             };
-            let brake = Arc::new(AtomicBool::new(false));
-            active.jobs.insert(job.id.clone(), Arc::clone(&brake));
+            let (brake, pulse) = (Arc::new(AtomicBool::new(false)), Arc::new(Pulse::new()));
+            let work = Work {
+                seq: job.seq,
+                memory_bytes: job.memory_bytes,
+                brake: Arc::clone(&brake),
+                pulse: Arc::clone(&pulse),
+            };
+            active.jobs.insert(job.id.clone(), work);
             scope.spawn(move || {
-                one(service, &job, &brake);
+                one(service, &job, &brake, &pulse);
                 service.runner.lock().jobs.remove(&job.id);
                 service.runner.wake();
             });
@@ -94,167 +133,108 @@ pub(super) fn work(service: &Arc<Service>) {
     });
 }
 
-fn claim(service: &Service) -> Option<Job> {
-    service.store.claim().unwrap_or_else(|error| {
+fn claim(service: &Service, reserved: u64) -> Option<Job> {
+    let free = memory::free(&service.settings.limits, reserved);
+    service.store.claim(free).unwrap_or_else(|error| {
         tracing::error!(%error, "cannot take a job");
         None
     })
 }
 
+/// Says so where a job has been silent for too long; it is left to go on.
+fn look_for_stalls(service: &Service, active: &Active) {
+    let limit = Duration::from_secs(u64::from(service.settings.limits.stalled_s));
+    for (id, work) in active.jobs.iter().filter(|(_, work)| work.pulse.stalls(limit)) {
+        let silent_s = work.pulse.silent().as_secs();
+        let text = format!("nothing was heard of it for {silent_s} s");
+        tracing::warn!(job = id, "{text}");
+        let told =
+            service.store.tell(work.seq, "stalled", &json!({ "silent_s": silent_s }).to_string());
+        let logged = told.and_then(|()| service.store.log(work.seq, Level::Warning, &text));
+        if let Err(error) = logged {
+            tracing::warn!(job = id, %error, "cannot write down that it stalls");
+        }
+    }
+}
+
 /// One job from its claim to its end.
-fn one(service: &Service, job: &Job, brake: &AtomicBool) {
-    tracing::info!(job = job.id, attempt = job.attempts, "running");
+fn one(service: &Service, job: &Job, brake: &AtomicBool, pulse: &Pulse) {
+    priority::lower_this_thread();
+    log(service, job, Level::Info, &format!("{} begins, attempt {}", job.kind, job.attempts));
     // A cancel that came between the claim and the brake.
     if let Ok(Some(Job { state: State::Cancelling, .. })) = service.store.job(&job.id) {
         brake.store(true, Ordering::Relaxed);
     }
-    let attempt = || run(service, job, brake);
+    let recorder = Recorder::new(service, job, pulse);
+    let attempt = || stages::run(service, job, brake, &recorder);
     let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(attempt));
     let outcome = outcome.unwrap_or_else(|panic| {
         let text = panic.downcast_ref::<String>().map(String::as_str);
         let text = text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("a panic");
         Err(Failure::Problem(Problem::internal(&text)))
     });
-    let written = match outcome {
-        Ok(done) => {
-            let text = result(&job.fit, Some(done.met)).to_string();
-            let model = Some((done.sha256.as_str(), done.bytes));
-            let end = Done { state: State::Succeeded, result: Some(&text), error: None, model };
-            service.store.finish(job, &end)
+    // A disk that is full now may have room later; until then the job stays as running, and is
+    // taken up again at the next start.
+    while let Err(error) = end(service, job, &outcome) {
+        tracing::error!(job = job.id, %error, "cannot write down how it ended");
+        if matches!(error, StoreError::Fenced) || service.runner.is_stopping() {
+            return;
         }
-        Err(Failure::Stopped) => stopped(service, job),
+        std::thread::sleep(LOOK);
+    }
+}
+
+/// Writes down how a job ended.
+fn end(
+    service: &Service,
+    job: &Job,
+    outcome: &Result<stages::Made, Failure>,
+) -> Result<(), StoreError> {
+    let (state, text) = match outcome {
+        Ok(made) => {
+            let text = made.result.to_string();
+            let model = made.model.as_ref().map(|(sha256, bytes)| (sha256.as_str(), *bytes));
+            let end = Done { state: State::Succeeded, result: Some(&text), error: None, model };
+            service.store.finish(job, &end)?;
+            (State::Succeeded, String::new())
+        }
+        Err(Failure::Stopped) => (stopped(service, job)?, String::new()),
         Err(Failure::Problem(problem)) => {
             let error = problem.json().to_string();
-            tracing::warn!(job = job.id, error, "failed");
-            let error = Some(error.as_str());
-            let end = Done { state: State::Failed, result: None, error, model: None };
-            service.store.finish(job, &end)
+            let failed = Some(error.as_str());
+            let end = Done { state: State::Failed, result: None, error: failed, model: None };
+            service.store.finish(job, &end)?;
+            (State::Failed, format!(": {}", problem.detail()))
         }
     };
-    match written {
-        Ok(()) => tracing::info!(job = job.id, "ended"),
-        // It stays as running in the store, and is taken up again at the next start.
-        Err(error) => tracing::error!(job = job.id, %error, "cannot write down how it ended"),
-    }
+    let level = if state == State::Failed { Level::Error } else { Level::Info };
+    log(service, job, level, &format!("{}{text}", state.name()));
+    Ok(())
 }
 
 /// A job that was stopped was cancelled, or waits for the service's next start.
-fn stopped(service: &Service, job: &Job) -> Result<(), StoreError> {
+fn stopped(service: &Service, job: &Job) -> Result<State, StoreError> {
     let state = service.store.job(&job.id)?.map(|job| job.state);
     if state == Some(State::Cancelling) {
         let end = Done { state: State::Cancelled, result: None, error: None, model: None };
-        return service.store.finish(job, &end);
+        service.store.finish(job, &end)?;
+        return Ok(State::Cancelled);
     }
-    service.store.put_back(job.seq)
+    service.store.put_back(job.seq)?;
+    Ok(State::Queued)
 }
 
-/// Why a job did not come to its end.
-enum Failure {
-    Stopped,
-    Problem(Problem),
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-impl From<pipeline::Error> for Failure {
-    fn from(error: pipeline::Error) -> Self {
-        match error {
-            pipeline::Error::Cancelled { .. } | pipeline::Error::Stopped { .. } => Self::Stopped,
-            other => Self::Problem(of_pipeline(&other)),
-        }
+    /// Silence beyond the limit is told once, and again only after a sign of life.
+    #[test]
+    fn a_stall_is_told_once() {
+        let pulse = Pulse::new();
+        assert!(!pulse.stalls(Duration::from_secs(3600)));
+        assert!(pulse.stalls(Duration::ZERO) && !pulse.stalls(Duration::ZERO));
+        assert!(pulse.beat() && !pulse.beat());
+        assert!(pulse.stalls(Duration::ZERO));
     }
-}
-
-impl From<StoreError> for Failure {
-    fn from(error: StoreError) -> Self {
-        Self::Problem(error.into())
-    }
-}
-
-/// A model in its place.
-struct Made {
-    sha256: String,
-    bytes: u64,
-    met: bool,
-}
-
-fn run(service: &Service, job: &Job, brake: &AtomicBool) -> Result<Made, Failure> {
-    if job.attempts > MOST_ATTEMPTS {
-        let detail = format!("the service ended {MOST_ATTEMPTS} times while it ran this job");
-        return Err(Failure::Problem(Problem::new(
-            StatusCode::INTERNAL_SERVER_ERROR,
-            "internal",
-            detail,
-        )));
-    }
-    if brake.load(Ordering::Relaxed) {
-        return Err(Failure::Stopped);
-    }
-    let request: JobRequest = serde_json::from_str(&job.request)
-        .map_err(|error| Failure::Problem(Problem::internal(&error)))?;
-    let sources = service.store.folder().sources(&job.id);
-    // Names that a power cut took are given again.
-    request.lay_out(service, &sources).map_err(Failure::Problem)?;
-    let prepared = request.open(&sources)?;
-    let work = service.store.folder().work(&job.bake);
-    let recorder = Recorder { service, job, last: Mutex::new(None) };
-    let report = |progress| recorder.record(progress);
-    let outcome = pipeline::run(&prepared, &work, &Watch { report: &report, cancelled: brake })?;
-    service.metrics.rays(outcome.baked.rays);
-    let (sha256, bytes) = publish(service, job, &work)?;
-    Ok(Made { sha256, bytes, met: outcome.met })
-}
-
-/// Copies the results to where models are; whole or not at all.
-fn publish(service: &Service, job: &Job, work: &Path) -> Result<(String, u64), Failure> {
-    let incoming = service.store.folder().incoming()?;
-    let blob = files::read(&work.join(pipeline::MODEL), MOST_MODEL_BYTES)?;
-    for name in [pipeline::REPORT, pipeline::FIGURES, pipeline::RECIPE] {
-        let bytes = files::read(&work.join(name), MOST_MODEL_BYTES)?;
-        files::publish(&incoming.path().join(name), &bytes)?;
-    }
-    files::publish(&incoming.path().join(pipeline::MODEL), &blob)?;
-    let place = service.store.folder().model(&job.fit);
-    if service.store.model(&job.fit)?.is_none() {
-        // Of a process that ended before the store knew of it.
-        store::remove(&place)?;
-    }
-    if !fs::exists(&place).unwrap_or(false) {
-        store::settle(incoming.path(), &place)?;
-    }
-    Ok((hexadecimal(&Sha256::digest(&blob)), blob.len() as u64))
-}
-
-/// Writes progress down, not too often.
-struct Recorder<'a> {
-    service: &'a Service,
-    job: &'a Job,
-    last: Mutex<Option<(Instant, pipeline::Stage)>>,
-}
-
-impl Recorder<'_> {
-    fn record(&self, progress: Progress) {
-        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
-        let due = last.is_none_or(|(at, stage)| stage != progress.stage || at.elapsed() > RECORD);
-        if !due && progress.done < progress.total {
-            return;
-        }
-        *last = Some((Instant::now(), progress.stage));
-        drop(last);
-        if let Err(error) = self.service.store.progress(self.job.seq, &show(progress).to_string()) {
-            tracing::warn!(job = self.job.id, %error, "cannot write down progress");
-        }
-    }
-}
-
-fn show(progress: Progress) -> Value {
-    let Progress { stage, done, total, rays, elapsed_s } = progress;
-    let rate = if elapsed_s > 0.0 { rays as f64 / elapsed_s } else { 0.0 };
-    json!({
-        "stage": stage.name(),
-        "done": done,
-        "total": total,
-        "rays": rays,
-        "rays_per_s": rate,
-        "elapsed_s": elapsed_s,
-        "at_ms": now_ms(),
-    })
 }

@@ -50,10 +50,12 @@ pub(crate) struct Server {
 impl Server {
     /// Starts a service that knows the bundled character.
     pub(crate) fn start(flags: &[&str]) -> Self {
-        let folder = tempfile::tempdir().expect("temporary folder");
-        let flags: Vec<String> = flags.iter().map(|&flag| flag.to_owned()).collect();
-        let (child, address) = spawn(&folder, &flags);
-        let mut server = Self { folder, flags, child, address, figure: String::new() };
+        Self::start_within(flags, "")
+    }
+
+    /// The same in a mount namespace of its own, where a command has prepared the folder `data`.
+    pub(crate) fn start_within(flags: &[&str], mount: &str) -> Self {
+        let mut server = Self::spawn_within(flags, mount);
         server.command(&["sample", "figure", "-o", "figure.glb"]);
         let bytes = fs::read(server.path("figure.glb")).expect("made");
         server.figure = sha256(&bytes);
@@ -61,6 +63,14 @@ impl Server {
         let answer = server.put(&path, &bytes, &[]);
         assert_eq!(answer.status, 201, "{}", answer.text());
         server
+    }
+
+    /// A service that knows nothing yet.
+    pub(crate) fn spawn_within(flags: &[&str], mount: &str) -> Self {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let flags: Vec<String> = flags.iter().map(|&flag| flag.to_owned()).collect();
+        let (child, address) = spawn(&folder, &flags, mount);
+        Self { folder, flags, child, address, figure: String::new() }
     }
 
     /// The character's asset.
@@ -97,7 +107,7 @@ impl Server {
     }
 
     pub(crate) fn restart(&mut self) {
-        (self.child, self.address) = spawn(&self.folder, &self.flags);
+        (self.child, self.address) = spawn(&self.folder, &self.flags, "");
     }
 
     /// Another service cannot take the folder.
@@ -185,10 +195,21 @@ impl Drop for Server {
     }
 }
 
-/// A service and its address, which it writes into its log.
-fn spawn(folder: &tempfile::TempDir, flags: &[String]) -> (Child, String) {
+/// A service and its address, which it writes into its log. A command that mounts is run before it,
+/// in a namespace of their own.
+fn spawn(folder: &tempfile::TempDir, flags: &[String], mount: &str) -> (Child, String) {
     let log = folder.path().join("log");
-    let mut child = Command::new(env!("CARGO_BIN_EXE_poselight"))
+    fs::create_dir_all(folder.path().join("data")).expect("made");
+    let binary = env!("CARGO_BIN_EXE_poselight");
+    let mut command = match mount {
+        "" => Command::new(binary),
+        mount => {
+            let mut command = Command::new("unshare");
+            command.args(["-rm", "sh", "-c", &format!("{mount} && exec \"$0\" \"$@\""), binary]);
+            command
+        }
+    };
+    let mut child = command
         .args(["serve", "--data", "data", "--listen", "127.0.0.1:0"])
         .args(flags)
         .current_dir(folder.path())

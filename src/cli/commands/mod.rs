@@ -3,6 +3,7 @@
 mod apply;
 mod bake;
 mod brdf;
+mod check;
 mod evaluate;
 mod fit;
 mod inspect;
@@ -18,6 +19,7 @@ mod tradeoff;
 pub(super) use apply::apply;
 pub(super) use bake::bake;
 pub(super) use brdf::brdf;
+pub(super) use check::check;
 pub(super) use evaluate::evaluate;
 pub(super) use fit::fit;
 pub(super) use inspect::inspect;

@@ -1,5 +1,6 @@
 //! `poselight serve` and `poselight token`: the service and who may use it.
 
+use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context, ensure};
@@ -7,7 +8,8 @@ use serde_json::json;
 
 use crate::cli::Answer;
 use crate::cli::serve_args::{ServeArgs, TokenArgs, TokenCommand};
-use crate::serve::{self, Limits, Settings, Store};
+use crate::pipeline::files;
+use crate::serve::{self, Limits, Secret, Settings, Store, Webhooks};
 
 pub(in crate::cli) fn serve(args: &ServeArgs, stop: &'static AtomicBool) -> anyhow::Result<Answer> {
     let defaults = Limits::default();
@@ -18,11 +20,31 @@ pub(in crate::cli) fn serve(args: &ServeArgs, stop: &'static AtomicBool) -> anyh
         running_jobs: args.jobs,
         request_s: args.request_timeout,
         head_s: args.head_timeout,
+        idle_s: args.idle_timeout,
         connections: args.max_connections,
         hot_bytes: u64::from(args.cache_mib) << 20,
+        memory_bytes: args.memory_mib.map(|mib| u64::from(mib) << 20),
+        rate_hz: args.rate,
+        keep_days: args.keep_days,
+        keep_bytes: args.keep_gib.map(|gib| u64::from(gib) << 30),
+        stalled_s: args.stalled,
         ..defaults
     };
-    let settings = Settings { folder: args.data.clone(), address: args.listen, limits };
+    let secret = args.webhook_secret.as_deref().map(read_secret).transpose()?;
+    let webhooks = Webhooks { secret, private: args.webhook_private };
+    let settings = Settings {
+        folder: args.data.clone(),
+        address: args.listen,
+        limits,
+        webhooks,
+        origins: args.allow_origin.clone(),
+    };
+    if args.check {
+        serve::check(&settings)?;
+        let json =
+            json!({ "address": args.listen.to_string(), "folder": args.data, "sound": true });
+        return Ok(Answer::new("the service would start".to_owned(), json));
+    }
     let mut bound = None;
     serve::serve(settings, stop, |address| {
         tracing::info!(%address, folder = %args.data.display(), "listening");
@@ -30,6 +52,15 @@ pub(in crate::cli) fn serve(args: &ServeArgs, stop: &'static AtomicBool) -> anyh
     })?;
     let address = bound.map(|address| address.to_string());
     Ok(Answer::new("stopped".to_owned(), json!({ "address": address, "stopped": true })))
+}
+
+/// Bytes of a file with a secret.
+const MOST_SECRET_BYTES: u64 = 1024;
+
+fn read_secret(path: &Path) -> anyhow::Result<Secret> {
+    let bytes = files::read(path, MOST_SECRET_BYTES)?;
+    let text = String::from_utf8_lossy(&bytes);
+    Secret::read(&text).with_context(|| format!("the file {}", path.display()))
 }
 
 pub(in crate::cli) fn token(args: &TokenArgs) -> anyhow::Result<Answer> {

@@ -2,7 +2,7 @@
 
 use rusqlite::{OptionalExtension, params};
 
-use super::{Error, Store, now_ms};
+use super::{Error, Store, now_ms, remove};
 
 /// One uploaded file.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -43,6 +43,24 @@ impl Store {
         let sql = "SELECT COALESCE(SUM(bytes), 0) FROM assets";
         let sum: i64 = self.lock().query_row(sql, [], |row| row.get(0))?;
         Ok(sum.unsigned_abs())
+    }
+
+    /// Removes assets that came before a time and that no job names; how many.
+    ///
+    /// # Errors
+    /// What database or disk object to.
+    pub(in crate::serve) fn delete_unused_assets(&self, before_ms: i64) -> Result<usize, Error> {
+        let unused: Vec<String> = self.write(|tx| {
+            let sql = "DELETE FROM assets WHERE created_ms < ?1 AND NOT EXISTS
+                (SELECT 1 FROM jobs WHERE instr(request, assets.sha256) > 0) RETURNING sha256";
+            let mut statement = tx.prepare(sql)?;
+            let rows = statement.query_map([before_ms], |row| row.get(0))?;
+            Ok(rows.collect::<Result<_, _>>()?)
+        })?;
+        for sha256 in &unused {
+            remove(&self.folder.asset(sha256))?;
+        }
+        Ok(unused.len())
     }
 
     /// Records an asset whose file is in place. The same bytes may come twice at once.

@@ -16,7 +16,7 @@ const MOST_KEPT: i64 = 1000;
 pub(in crate::serve) struct Event {
     /// From 1, without gaps as long as nothing is dropped.
     pub(in crate::serve) id: i64,
-    /// `state` or `progress`.
+    /// `state`, `progress` or `stalled`.
     pub(in crate::serve) kind: String,
     /// JSON.
     pub(in crate::serve) data: String,
@@ -68,6 +68,16 @@ impl Store {
             Ok(Event { id: row.get(0)?, kind: row.get(1)?, data: row.get(2)? })
         })?;
         Ok(rows.collect::<Result<_, _>>()?)
+    }
+
+    /// Adds an event to a job.
+    ///
+    /// # Errors
+    /// What the database objects to.
+    pub(in crate::serve) fn tell(&self, job: i64, kind: &str, data: &str) -> Result<(), Error> {
+        self.write(|tx| add(tx, job, kind, data))?;
+        self.bells.ring(job);
+        Ok(())
     }
 
     /// Records how far a running job is.

@@ -16,7 +16,7 @@ impl Folder {
     /// The folder with its parts, made where they are missing.
     pub(super) fn create(root: &Path) -> Result<Self, Error> {
         let folder = Self { root: root.to_path_buf() };
-        for part in ["assets", "incoming", "jobs", "work", "models"] {
+        for part in ["assets", "incoming", "jobs", "work", "models", "results"] {
             create(&folder.root.join(part))?;
         }
         Ok(folder)
@@ -40,10 +40,12 @@ impl Folder {
         for entry in list(&self.root.join("incoming"))? {
             remove(&entry)?;
         }
-        for entry in list(&self.root.join("jobs"))? {
-            let name = entry.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            if !jobs.contains(&name) {
-                remove(&entry)?;
+        for entry in ["jobs", "results"].map(|part| list(&self.root.join(part))) {
+            for entry in entry? {
+                let name = entry.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                if !jobs.contains(&name) {
+                    remove(&entry)?;
+                }
             }
         }
         Ok(())
@@ -63,9 +65,19 @@ impl Folder {
         self.root.join("jobs").join(job)
     }
 
+    /// What a job made beside a model, by name.
+    pub(in crate::serve) fn results(&self, job: &str) -> PathBuf {
+        self.root.join("results").join(job)
+    }
+
     /// Where jobs of one bake work; a later job of the same bake finds its data set there.
     pub(in crate::serve) fn work(&self, bake: &str) -> PathBuf {
         self.root.join("work").join(bake)
+    }
+
+    /// Where all data sets are.
+    pub(in crate::serve) fn work_root(&self) -> PathBuf {
+        self.root.join("work")
     }
 
     /// A finished model with its report and figures.
@@ -139,7 +151,11 @@ pub(in crate::serve) fn remove(path: &Path) -> Result<(), Error> {
     }
 }
 
-fn list(folder: &Path) -> Result<Vec<PathBuf>, Error> {
+/// What is in a folder.
+///
+/// # Errors
+/// [`Error::Io`].
+pub(in crate::serve) fn list(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     let io = |source| Error::Io { action: "list", path: folder.to_path_buf(), source };
     let entries = fs::read_dir(folder).map_err(io)?;
     entries.map(|entry| Ok(entry.map_err(io)?.path())).collect()

@@ -51,12 +51,18 @@ pub(in crate::serve) struct Job {
     /// Grows with every job; what pages are cut by.
     pub(in crate::serve) seq: i64,
     pub(in crate::serve) id: String,
+    /// What is done, as clients name it.
+    pub(in crate::serve) kind: String,
     pub(in crate::serve) state: State,
     pub(in crate::serve) priority: i64,
     /// The request's JSON.
     pub(in crate::serve) request: String,
+    /// The data set that it works on: jobs of one data set run one after another.
     pub(in crate::serve) bake: String,
-    pub(in crate::serve) fit: String,
+    /// Names its result among those of its kind; of a job that makes a model, the model's id.
+    pub(in crate::serve) key: String,
+    /// Memory that it is expected to take.
+    pub(in crate::serve) memory_bytes: u64,
     /// Whether the result was there already.
     pub(in crate::serve) cached: bool,
     /// How often it was started.
@@ -74,10 +80,14 @@ pub(in crate::serve) struct Job {
 #[derive(Debug)]
 pub(in crate::serve) struct NewJob<'a> {
     pub(in crate::serve) id: &'a str,
+    pub(in crate::serve) kind: &'a str,
     pub(in crate::serve) priority: i64,
     pub(in crate::serve) request: &'a str,
     pub(in crate::serve) bake: &'a str,
-    pub(in crate::serve) fit: &'a str,
+    pub(in crate::serve) key: &'a str,
+    pub(in crate::serve) memory_bytes: u64,
+    /// Whether it works on a data set that another job has baked: one that is still there.
+    pub(in crate::serve) needs_dataset: bool,
     /// The result's JSON, where it is there already.
     pub(in crate::serve) result: Option<&'a str>,
     /// Jobs that may wait.
@@ -103,6 +113,8 @@ pub(in crate::serve) enum Submitted {
     OtherBody,
     /// So many wait already.
     Full(u32),
+    /// No job has its data set any more.
+    NoDataset,
 }
 
 /// What became of a request to cancel.

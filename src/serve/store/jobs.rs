@@ -7,10 +7,10 @@ use serde_json::json;
 
 use super::folder::remove;
 use super::job::{Cancelled, Deleted, Done, Job, Key, NewJob, State, Submitted};
-use super::{Error, Store, events, now_ms};
+use super::{Error, Store, deliveries, events, now_ms};
 
 const COLUMNS: &str = "seq, id, state, priority, request, bake, fit, cached, attempts, created_ms,
-    started_ms, finished_ms, progress, result, error";
+    started_ms, finished_ms, progress, result, error, kind, memory_bytes";
 
 fn job(row: &Row<'_>) -> rusqlite::Result<Job> {
     let state: String = row.get(2)?;
@@ -22,7 +22,7 @@ fn job(row: &Row<'_>) -> rusqlite::Result<Job> {
         priority: row.get(3)?,
         request: row.get(4)?,
         bake: row.get(5)?,
-        fit: row.get(6)?,
+        key: row.get(6)?,
         cached: row.get(7)?,
         attempts: row.get(8)?,
         created_ms: row.get(9)?,
@@ -31,6 +31,8 @@ fn job(row: &Row<'_>) -> rusqlite::Result<Job> {
         progress: row.get(12)?,
         result: row.get(13)?,
         error: row.get(14)?,
+        kind: row.get(15)?,
+        memory_bytes: row.get::<_, i64>(16)?.unsigned_abs(),
     })
 }
 
@@ -44,6 +46,9 @@ fn enter(tx: &Transaction<'_>, seq: i64, state: State) -> Result<(), Error> {
     let finished = state.is_final().then(now_ms);
     let sql = "UPDATE jobs SET state = ?2, finished_ms = ?3 WHERE seq = ?1";
     tx.execute(sql, params![seq, state.name(), finished])?;
+    if state.is_final() {
+        deliveries::add(tx, seq, state)?;
+    }
     events::add(tx, seq, "state", &json!({ "state": state.name() }).to_string())
 }
 
@@ -54,6 +59,28 @@ impl Store {
     /// What the database objects to.
     pub(in crate::serve) fn job(&self, id: &str) -> Result<Option<Job>, Error> {
         get(&self.lock(), id)
+    }
+
+    /// A job by its number.
+    ///
+    /// # Errors
+    /// What the database objects to.
+    pub(in crate::serve) fn job_by_seq(&self, seq: i64) -> Result<Option<Job>, Error> {
+        let sql = format!("SELECT {COLUMNS} FROM jobs WHERE seq = ?1");
+        Ok(self.lock().query_row(&sql, [seq], job).optional()?)
+    }
+
+    /// Jobs that ended before a time, the oldest first.
+    ///
+    /// # Errors
+    /// What the database objects to.
+    pub(in crate::serve) fn ended_before(&self, before_ms: i64) -> Result<Vec<String>, Error> {
+        let connection = self.lock();
+        let sql = "SELECT id FROM jobs WHERE state IN ('succeeded', 'failed', 'cancelled')
+            AND finished_ms < ?1 ORDER BY seq";
+        let mut statement = connection.prepare_cached(sql)?;
+        let rows = statement.query_map([before_ms], |row| row.get(0))?;
+        Ok(rows.collect::<Result<_, _>>()?)
     }
 
     pub(super) fn job_ids(&self) -> Result<BTreeSet<String>, Error> {
@@ -71,19 +98,40 @@ impl Store {
         &self,
         before: i64,
         state: Option<State>,
+        kind: Option<&str>,
         count: u32,
     ) -> Result<Vec<Job>, Error> {
         let connection = self.lock();
-        let sql = match state {
-            None => format!("SELECT {COLUMNS} FROM jobs WHERE seq < ?1 ORDER BY seq DESC LIMIT ?2"),
-            Some(state) => format!(
-                "SELECT {COLUMNS} FROM jobs WHERE seq < ?1 AND state = '{}' ORDER BY seq DESC LIMIT ?2",
-                state.name()
-            ),
-        };
+        let of_state = if state.is_some() { "AND state = ?3" } else { "AND ?3 IS NULL" };
+        let of_kind = if kind.is_some() { "AND kind = ?4" } else { "AND ?4 IS NULL" };
+        let sql = format!(
+            "SELECT {COLUMNS} FROM jobs WHERE seq < ?1 {of_state} {of_kind}
+            ORDER BY seq DESC LIMIT ?2"
+        );
         let mut statement = connection.prepare_cached(&sql)?;
-        let rows = statement.query_map(params![before, count], job)?;
+        let rows =
+            statement.query_map(params![before, count, state.map(State::name), kind], job)?;
         Ok(rows.collect::<Result<_, _>>()?)
+    }
+
+    /// The latest job of a kind that ended well with this key.
+    ///
+    /// # Errors
+    /// What the database objects to.
+    pub(in crate::serve) fn succeeded(&self, kind: &str, key: &str) -> Result<Option<Job>, Error> {
+        let sql = format!(
+            "SELECT {COLUMNS} FROM jobs WHERE fit = ?1 AND kind = ?2 AND state = 'succeeded'
+            ORDER BY seq DESC LIMIT 1"
+        );
+        Ok(self.lock().query_row(&sql, [key, kind], job).optional()?)
+    }
+
+    /// Whether a job has baked this data set, or works on it: then its folder stays.
+    ///
+    /// # Errors
+    /// What the database objects to.
+    pub(in crate::serve) fn has_dataset(&self, bake: &str) -> Result<bool, Error> {
+        has_dataset(&self.lock(), bake)
     }
 
     /// How many jobs are in each state.
@@ -124,16 +172,11 @@ impl Store {
             if new.result.is_none() && waiting >= new.most_queued {
                 return Ok(Submitted::Full(waiting));
             }
-            let sql = "INSERT INTO jobs (id, state, priority, request, bake, fit, cached, result,
-                created_ms) VALUES (?1, 'queued', ?2, ?3, ?4, ?5, ?6, ?7, ?8)";
-            let NewJob { id, priority, request, bake, fit, result, .. } = *new;
-            let cached = result.is_some();
-            tx.execute(sql, params![id, priority, request, bake, fit, cached, result, now_ms()])?;
-            let seq = tx.last_insert_rowid();
-            enter(tx, seq, State::Queued)?;
-            if cached {
-                enter(tx, seq, State::Succeeded)?;
+            if new.needs_dataset && !has_dataset(tx, new.bake)? {
+                return Ok(Submitted::NoDataset);
             }
+            insert(tx, new)?;
+            let id = new.id;
             if let Some(Key { owner, key, body_sha256 }) = key {
                 let sql = "INSERT INTO keys VALUES (?1, ?2, ?3, ?4, ?5)";
                 tx.execute(sql, params![owner, key, body_sha256, id, now_ms()])?;
@@ -143,19 +186,22 @@ impl Store {
         })
     }
 
-    /// The next job to run, now marked as running. Two jobs of one bake never run at once, for
-    /// they write to one data set.
+    /// The next job to run that takes at most so much memory, now marked as running. Two jobs of one
+    /// bake never run at once, for they write to one data set.
     ///
     /// # Errors
     /// What the database objects to.
-    pub(in crate::serve) fn claim(&self) -> Result<Option<Job>, Error> {
+    pub(in crate::serve) fn claim(&self, memory_bytes: u64) -> Result<Option<Job>, Error> {
+        let memory = i64::try_from(memory_bytes).unwrap_or(i64::MAX);
         let claimed = self.write(|tx| {
             let sql = format!(
-                "SELECT {COLUMNS} FROM jobs WHERE state = 'queued' AND bake NOT IN
-                    (SELECT bake FROM jobs WHERE state IN ('running', 'cancelling'))
+                "SELECT {COLUMNS} FROM jobs WHERE state = 'queued' AND memory_bytes <= ?1
+                AND bake NOT IN (SELECT bake FROM jobs WHERE state IN ('running', 'cancelling'))
                 ORDER BY priority DESC, seq LIMIT 1"
             );
-            let Some(next) = tx.query_row(&sql, [], job).optional()? else { return Ok(None) };
+            let Some(next) = tx.query_row(&sql, [memory], job).optional()? else {
+                return Ok(None);
+            };
             let sql = "UPDATE jobs SET attempts = attempts + 1,
                 started_ms = COALESCE(started_ms, ?2) WHERE seq = ?1";
             tx.execute(sql, params![next.seq, now_ms()])?;
@@ -187,7 +233,7 @@ impl Store {
                 let sql = "INSERT INTO models (id, sha256, bytes, job, created_ms)
                     VALUES (?1, ?2, ?3, ?4, ?5) ON CONFLICT (id) DO NOTHING";
                 let bytes = i64::try_from(bytes).unwrap_or(i64::MAX);
-                tx.execute(sql, params![job.fit, sha256, bytes, job.id, now_ms()])?;
+                tx.execute(sql, params![job.key, sha256, bytes, job.id, now_ms()])?;
             }
             let sql = "UPDATE jobs SET result = ?2, error = ?3 WHERE seq = ?1";
             tx.execute(sql, params![job.seq, done.result, done.error])?;
@@ -231,15 +277,15 @@ impl Store {
                 return Ok(Deleted::Active(job.state));
             }
             tx.execute("DELETE FROM events WHERE job = ?1", [job.seq])?;
+            tx.execute("DELETE FROM logs WHERE job = ?1", [job.seq])?;
             tx.execute("DELETE FROM keys WHERE job = ?1", [id])?;
             tx.execute("DELETE FROM jobs WHERE seq = ?1", [job.seq])?;
-            let sql = "SELECT EXISTS (SELECT 1 FROM jobs WHERE bake = ?1)";
-            let shared: bool = tx.query_row(sql, [&job.bake], |row| row.get(0))?;
-            last_of_bake = (!shared).then_some(job.bake);
+            last_of_bake = (!has_dataset(tx, &job.bake)?).then_some(job.bake);
             Ok(Deleted::Yes)
         })?;
         if matches!(outcome, Deleted::Yes) {
             remove(&self.folder.sources(id))?;
+            remove(&self.folder.results(id))?;
         }
         if let Some(bake) = last_of_bake {
             remove(&self.folder.work(&bake))?;
@@ -262,6 +308,28 @@ impl Store {
             Ok(())
         })
     }
+}
+
+fn has_dataset(tx: &rusqlite::Connection, bake: &str) -> Result<bool, Error> {
+    let sql = "SELECT EXISTS (SELECT 1 FROM jobs WHERE bake = ?1)";
+    Ok(tx.query_row(sql, [bake], |row| row.get(0))?)
+}
+
+/// Writes a job down as queued, or as done at once; its number.
+fn insert(tx: &Transaction<'_>, new: &NewJob<'_>) -> Result<i64, Error> {
+    let sql = "INSERT INTO jobs (id, state, priority, request, bake, fit, cached, result,
+        created_ms, kind, memory_bytes) VALUES (?1, 'queued', ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)";
+    let NewJob { id, kind, priority, request, bake, key, result, .. } = *new;
+    let cached = result.is_some();
+    let memory = i64::try_from(new.memory_bytes).unwrap_or(i64::MAX);
+    let row = params![id, priority, request, bake, key, cached, result, now_ms(), kind, memory];
+    tx.execute(sql, row)?;
+    let seq = tx.last_insert_rowid();
+    enter(tx, seq, State::Queued)?;
+    if cached {
+        enter(tx, seq, State::Succeeded)?;
+    }
+    Ok(seq)
 }
 
 fn by_key(tx: &rusqlite::Connection, key: &Key) -> Result<Option<Submitted>, Error> {

@@ -5,10 +5,12 @@
 //! one that has lost the folder.
 
 mod assets;
+mod deliveries;
 mod events;
 mod folder;
 mod job;
 mod jobs;
+mod logs;
 mod models;
 mod tokens;
 
@@ -20,17 +22,40 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use rusqlite::{Connection, OptionalExtension, Transaction, TransactionBehavior};
 
 pub(super) use assets::Asset;
+pub(super) use deliveries::Delivery;
 pub(super) use events::{Bells, Event};
-pub(super) use folder::{Folder, create, remove, settle};
+pub(super) use folder::{Folder, create, list, remove, settle};
 pub(super) use job::{Cancelled, Deleted, Done, Job, Key, NewJob, State, Submitted};
+pub(super) use logs::{Level, Line};
 pub(super) use models::StoredModel;
 pub(super) use tokens::hash_of;
 pub use tokens::{NewToken, Token};
 
 /// The version of the tables.
-const SCHEMA: i64 = 1;
+const SCHEMA: i64 = MIGRATIONS.len() as i64;
 
-/// Every table. Times are milliseconds since 1970 and only shown; order is by `seq`.
+/// What leads from each version of the tables to the next. Times are milliseconds since 1970 and
+/// only shown; order is by `seq`.
+const MIGRATIONS: [&str; 2] = [TABLES, KINDS];
+
+/// Jobs of several kinds: the column `fit` names the result of each. Logs of jobs, and messages to
+/// those who wait for their end.
+const KINDS: &str = "
+ALTER TABLE jobs ADD COLUMN kind TEXT NOT NULL DEFAULT 'run';
+ALTER TABLE jobs ADD COLUMN memory_bytes INTEGER NOT NULL DEFAULT 0;
+CREATE INDEX jobs_by_result ON jobs (fit, kind);
+CREATE TABLE logs (
+    job INTEGER NOT NULL, id INTEGER NOT NULL, at_ms INTEGER NOT NULL, level TEXT NOT NULL,
+    text TEXT NOT NULL, PRIMARY KEY (job, id)
+) WITHOUT ROWID;
+CREATE TABLE deliveries (
+    seq INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL, job INTEGER NOT NULL,
+    url TEXT NOT NULL, body TEXT NOT NULL, attempts INTEGER NOT NULL, due_ms INTEGER NOT NULL
+);
+CREATE INDEX deliveries_by_time ON deliveries (due_ms, seq);
+";
+
+/// The first tables.
 const TABLES: &str = "
 CREATE TABLE IF NOT EXISTS meta (key TEXT PRIMARY KEY, value INTEGER NOT NULL) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS assets (
@@ -85,12 +110,46 @@ pub enum Error {
     /// Another process has taken the folder over.
     #[error("another process has taken over this folder; this one stops writing to it")]
     Fenced,
+    /// The database is not whole.
+    #[error(
+        "the service's database is damaged: {said}; put back a copy of poselight.db, or move it \
+         away to start without jobs"
+    )]
+    Damaged {
+        /// What the database says of it.
+        said: String,
+    },
     /// Written by a later version.
     #[error("the database has version {found}, this build reads {SCHEMA}; use a later build")]
     Newer {
         /// Its version.
         found: i64,
     },
+}
+
+impl Error {
+    /// Whether the state of disk or database is the reason, which may be mended while the service
+    /// waits; else it is how the service was started.
+    pub(super) fn is_of_the_disk(&self) -> bool {
+        use rusqlite::ErrorCode::{
+            CannotOpen, DatabaseCorrupt, DiskFull, NotADatabase, ReadOnly, SystemIoFailure,
+        };
+        match self {
+            Self::Damaged { .. } | Self::Io { .. } => true,
+            Self::Sql(error) => error.sqlite_error_code().is_some_and(|code| {
+                matches!(
+                    code,
+                    CannotOpen
+                        | DatabaseCorrupt
+                        | DiskFull
+                        | NotADatabase
+                        | ReadOnly
+                        | SystemIoFailure
+                )
+            }),
+            _ => false,
+        }
+    }
 }
 
 /// Database and files of one service.
@@ -133,17 +192,13 @@ impl Store {
     }
 
     fn connect(folder: Folder) -> Result<Self, Error> {
-        let connection = Connection::open(folder.database())?;
+        let mut connection = Connection::open(folder.database())?;
         connection.busy_timeout(Duration::from_secs(10))?;
         connection.pragma_update(None, "journal_mode", "WAL")?;
         connection.pragma_update(None, "synchronous", "FULL")?;
         connection.pragma_update(None, "foreign_keys", "ON")?;
-        let found: i64 = connection.pragma_query_value(None, "user_version", |row| row.get(0))?;
-        if found > SCHEMA {
-            return Err(Error::Newer { found });
-        }
-        connection.execute_batch(TABLES)?;
-        connection.pragma_update(None, "user_version", SCHEMA)?;
+        check(&connection)?;
+        migrate(&mut connection)?;
         let connection = Mutex::new(connection);
         Ok(Self { connection, epoch: None, folder, bells: Bells::default(), _lease: None })
     }
@@ -191,6 +246,27 @@ impl Store {
         tx.commit()?;
         Ok(value)
     }
+}
+
+/// Whether the database is whole: damage is found at the start, not in the middle of a job.
+fn check(connection: &Connection) -> Result<(), Error> {
+    let said: String = connection.query_row("PRAGMA quick_check(1)", [], |row| row.get(0))?;
+    if said == "ok" { Ok(()) } else { Err(Error::Damaged { said }) }
+}
+
+/// Brings the tables to this build's version, all or nothing.
+fn migrate(connection: &mut Connection) -> Result<(), Error> {
+    let version = |tx: &Connection| tx.pragma_query_value(None, "user_version", |row| row.get(0));
+    let tx = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+    let found: i64 = version(&tx)?;
+    if found > SCHEMA {
+        return Err(Error::Newer { found });
+    }
+    for step in MIGRATIONS.iter().skip(found.unsigned_abs() as usize) {
+        tx.execute_batch(step)?;
+    }
+    tx.pragma_update(None, "user_version", SCHEMA)?;
+    Ok(tx.commit()?)
 }
 
 /// Milliseconds since 1970, for people to read.

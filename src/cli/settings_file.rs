@@ -1,0 +1,106 @@
+//! Settings of the service from a file: one JSON object whose names are those of the flags. A flag
+//! wins over an environment variable, and both over the file.
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use clap::{Arg, CommandFactory};
+use serde_json::Value;
+
+use super::args::Cli;
+use crate::pipeline::files;
+
+/// A file with settings is text that a person writes.
+const MOST_BYTES: u64 = 1 << 20;
+
+/// The words of the command line with those that the file of `serve --config FILE` adds.
+pub(super) fn with_file(words: Vec<OsString>) -> anyhow::Result<Vec<OsString>> {
+    let Some(serve) = words.iter().position(|word| word == "serve") else { return Ok(words) };
+    let Some(path) = named(&words[serve..]) else { return Ok(words) };
+    let bytes = files::read(&path, MOST_BYTES)?;
+    let settings: BTreeMap<String, Value> =
+        serde_json::from_slice(&bytes).with_context(|| path.display().to_string())?;
+    let command = Cli::command();
+    let serve_command = command.find_subcommand("serve").context("there is no `serve`")?;
+    let known: Vec<&Arg> = serve_command.get_arguments().collect();
+    let mut out = words[..=serve].to_vec();
+    for (name, value) in &settings {
+        out.extend(word(&path, &known, name, value)?);
+    }
+    out.extend_from_slice(&words[serve + 1..]);
+    Ok(out)
+}
+
+/// The file that is named, by flag or by environment.
+fn named(words: &[OsString]) -> Option<PathBuf> {
+    let mut words = words.iter();
+    while let Some(word) = words.next() {
+        if word == "--config" {
+            return words.next().map(PathBuf::from);
+        }
+        if let Some(path) = word.to_str().and_then(|word| word.strip_prefix("--config=")) {
+            return Some(path.into());
+        }
+    }
+    std::env::var_os("POSELIGHT_CONFIG").map(PathBuf::from)
+}
+
+/// A setting as a flag; none where the environment has it.
+fn word(
+    path: &Path,
+    known: &[&Arg],
+    name: &str,
+    value: &Value,
+) -> anyhow::Result<Option<OsString>> {
+    let own = |arg: &&&Arg| arg.get_long() == Some(name) && !["config", "check"].contains(&name);
+    let Some(arg) = known.iter().find(own) else {
+        bail!(
+            "{}: there is no setting `{name}`; `poselight serve --help` lists them",
+            path.display()
+        )
+    };
+    if arg.get_env().is_some_and(|variable| std::env::var_os(variable).is_some()) {
+        return Ok(None);
+    }
+    let text = match value {
+        Value::Bool(true) => return Ok(Some(format!("--{name}").into())),
+        Value::Bool(false) => return Ok(None),
+        Value::String(text) => text.clone(),
+        Value::Number(number) => number.to_string(),
+        other => bail!("{}: `{name}` is {other}; text, a number or true", path.display()),
+    };
+    Ok(Some(format!("--{name}={text}").into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn with(file: &str, rest: &[&str]) -> anyhow::Result<Vec<String>> {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("settings.json");
+        std::fs::write(&path, file)?;
+        let mut words: Vec<OsString> = vec!["poselight".into(), "serve".into(), "--config".into()];
+        words.push(path.into());
+        words.extend(rest.iter().map(OsString::from));
+        let words = with_file(words)?;
+        Ok(words.iter().map(|word| word.to_string_lossy().into_owned()).collect())
+    }
+
+    /// What the file says comes before what is typed, so that the latter wins; what is no setting is
+    /// named.
+    #[test]
+    fn the_file_comes_first() {
+        let words =
+            with(r#"{"jobs": 2, "webhook-private": true}"#, &["--jobs", "3"]).expect("read");
+        assert_eq!(words[2..4], ["--jobs=2", "--webhook-private"]);
+        assert_eq!(words[words.len() - 2..], ["--jobs", "3"]);
+        for bad in [r#"{"job": 2}"#, r#"{"jobs": []}"#, r#"{"config": "x"}"#, "[]", "{"] {
+            assert!(with(bad, &[]).is_err(), "{bad}");
+        }
+        let other: Vec<OsString> = vec!["poselight".into(), "bake".into()];
+        assert_eq!(with_file(other.clone()).expect("untouched"), other);
+    }
+}

@@ -1,0 +1,56 @@
+//! The model that a recipe's target asks for: chosen by validation on training clips, confirmed on
+//! the motion that was held out.
+
+use super::recipe::{Recipe, TargetRecipe};
+use super::{CandidateRecipe, Checked, Error, Figures, Watch, examine, meets_target, search};
+use crate::choose::{Point, Target};
+use crate::dataset::Dataset;
+use crate::model::Model;
+
+/// What was chosen.
+#[derive(Debug)]
+pub struct Choice {
+    /// The model's file.
+    pub blob: Vec<u8>,
+    /// The recipe that makes it.
+    pub recipe: Recipe,
+    /// What was measured on it.
+    pub figures: Figures,
+    /// The report page.
+    pub page: String,
+    /// The point of choice, by validation.
+    pub point: Point,
+    /// Whether the target is met, by validation and on the motion that was held out.
+    pub met: bool,
+}
+
+/// Whether a recipe's target leaves the choice of the model to the system.
+#[must_use]
+pub fn has_target(recipe: &Recipe) -> bool {
+    target(recipe).is_any()
+}
+
+fn target(recipe: &Recipe) -> Target {
+    let TargetRecipe { max_error, max_bytes, max_us, max_fit_s, .. } = recipe.target;
+    Target { max_error: max_error.map(f64::from), max_bytes, max_us, max_fit_s }
+}
+
+/// Chooses the simplest of some candidates that meets the recipe's target, and measures it.
+///
+/// # Errors
+/// As [`search`] and [`examine`].
+pub fn choose(
+    dataset: &Dataset,
+    recipe: &Recipe,
+    candidates: &[CandidateRecipe],
+    watch: &Watch,
+) -> Result<Choice, Error> {
+    let found = search(dataset, candidates, &target(recipe), watch)?;
+    // The judge sees what is stored, not what was fitted.
+    let mut model = Model::from_bytes(&found.fitted.model.to_bytes(found.precision)?)?;
+    let (figures, page) = examine(&mut model, dataset, &found.recipe, watch)?;
+    let confirmed = meets_target(&figures.measured, Checked::new(&found.recipe)?.reference);
+    let point = found.points[found.chosen].clone();
+    let blob = model.to_bytes(found.precision)?;
+    Ok(Choice { blob, recipe: found.recipe, figures, page, point, met: found.met && confirmed })
+}

@@ -1,0 +1,95 @@
+//! What is kept for how long: jobs that have ended, their data sets, and assets that no job uses.
+//! Models stay until somebody deletes them.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use super::store::{Deleted, now_ms};
+use super::{Service, StoreError};
+
+/// Between two looks.
+const LOOK: Duration = Duration::from_secs(60);
+
+/// Between two looks whether the service stops.
+const GLANCE: Duration = Duration::from_millis(200);
+
+const DAY_MS: i64 = 24 * 3_600_000;
+
+/// Removes what is too old or too much, until the service stops.
+pub(super) fn work(service: &Arc<Service>) {
+    let limits = service.settings.limits;
+    if limits.keep_days.is_none() && limits.keep_bytes.is_none() {
+        return;
+    }
+    loop {
+        if let Err(error) = look(service) {
+            tracing::error!(%error, "cannot remove what is too old or too much");
+        }
+        let start = Instant::now();
+        while start.elapsed() < LOOK {
+            if *service.stopping.borrow() {
+                return;
+            }
+            std::thread::sleep(GLANCE);
+        }
+    }
+}
+
+fn look(service: &Service) -> Result<(), StoreError> {
+    let limits = service.settings.limits;
+    if let Some(days) = limits.keep_days {
+        let before = now_ms().saturating_sub(i64::from(days) * DAY_MS);
+        for job in service.store.ended_before(before)? {
+            forget(service, &job)?;
+        }
+        let assets = service.store.delete_unused_assets(before)?;
+        if assets > 0 {
+            tracing::info!(assets, "removed what no job uses");
+        }
+    }
+    let Some(most) = limits.keep_bytes else { return Ok(()) };
+    let mut bytes = size(&service.store.folder().work_root());
+    for job in service.store.ended_before(i64::MAX)? {
+        if bytes <= most {
+            break;
+        }
+        forget(service, &job)?;
+        bytes = size(&service.store.folder().work_root());
+    }
+    Ok(())
+}
+
+fn forget(service: &Service, job: &str) -> Result<(), StoreError> {
+    if matches!(service.store.delete_job(job)?, Deleted::Yes) {
+        tracing::info!(job, "forgotten");
+    }
+    Ok(())
+}
+
+/// Bytes of the files below a folder; what goes away meanwhile counts as nothing.
+fn size(folder: &Path) -> u64 {
+    let Ok(entries) = std::fs::read_dir(folder) else { return 0 };
+    let entries = entries.filter_map(Result::ok);
+    let bytes = entries.map(|entry| match entry.file_type() {
+        Ok(kind) if kind.is_dir() => size(&entry.path()),
+        _ => entry.metadata().map_or(0, |data| data.len()),
+    });
+    bytes.sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Files of all depths are counted.
+    #[test]
+    fn a_folder_has_the_size_of_its_files() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        std::fs::create_dir_all(folder.path().join("a/b")).expect("made");
+        std::fs::write(folder.path().join("a/b/c"), [0; 10]).expect("written");
+        std::fs::write(folder.path().join("d"), [0; 5]).expect("written");
+        assert_eq!(size(folder.path()), 15);
+        assert_eq!(size(&folder.path().join("none")), 0);
+    }
+}

@@ -1,0 +1,275 @@
+//! What each kind of job does, by way of `pipeline/`, and where its results go.
+
+use std::fs;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use axum::http::StatusCode;
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+
+use super::prepare;
+use super::problem::Problem;
+use super::recorder::Recorder;
+use super::request::{JobRequest, Kind, of_pipeline};
+use super::store::{self, Job, Level, hexadecimal};
+use super::{Service, StoreError};
+use crate::model::Model;
+use crate::pipeline::{self, Checked, Watch, files};
+
+/// A job that was started so often without an end brings the service down, and is given up.
+const MOST_ATTEMPTS: i64 = 5;
+
+/// A model's blob at most.
+const MOST_MODEL_BYTES: u64 = 4 << 30;
+
+/// Why a job did not come to its end.
+pub(super) enum Failure {
+    Stopped,
+    Problem(Problem),
+}
+
+impl From<pipeline::Error> for Failure {
+    fn from(error: pipeline::Error) -> Self {
+        match error {
+            pipeline::Error::Cancelled { .. } | pipeline::Error::Stopped { .. } => Self::Stopped,
+            other => Self::Problem(of_pipeline(&other)),
+        }
+    }
+}
+
+impl From<StoreError> for Failure {
+    fn from(error: StoreError) -> Self {
+        Self::Problem(error.into())
+    }
+}
+
+impl From<Problem> for Failure {
+    fn from(problem: Problem) -> Self {
+        Self::Problem(problem)
+    }
+}
+
+/// What a job came to.
+pub(super) struct Made {
+    /// As clients read it.
+    pub(super) result: Value,
+    /// SHA-256 and bytes of the blob in its place.
+    pub(super) model: Option<(String, u64)>,
+}
+
+/// A job under way.
+struct Stage<'a> {
+    service: &'a Service,
+    job: &'a Job,
+    request: JobRequest,
+    watch: Watch<'a>,
+    recorder: &'a Recorder<'a>,
+}
+
+/// Runs a job to its end.
+///
+/// # Errors
+/// [`Failure`].
+pub(super) fn run(
+    service: &Service,
+    job: &Job,
+    brake: &AtomicBool,
+    recorder: &Recorder<'_>,
+) -> Result<Made, Failure> {
+    if job.attempts > MOST_ATTEMPTS {
+        let detail = format!("the service ended {MOST_ATTEMPTS} times while it ran this job");
+        let status = StatusCode::INTERNAL_SERVER_ERROR;
+        return Err(Problem::new(status, "internal", detail).into());
+    }
+    if brake.load(Ordering::Relaxed) {
+        return Err(Failure::Stopped);
+    }
+    let request: JobRequest = serde_json::from_str(&job.request)
+        .map_err(|error| Failure::Problem(Problem::internal(&error)))?;
+    let report = |progress| recorder.record(progress);
+    let watch = Watch { report: &report, cancelled: brake };
+    let stage = Stage { service, job, request, watch, recorder };
+    let attempt = || match stage.request.kind {
+        Kind::Run => stage.run(),
+        Kind::Bake => stage.bake(),
+        Kind::Fit => stage.fit(),
+        Kind::Measure => stage.measure(),
+        Kind::Tradeoff => stage.tradeoff(),
+    };
+    match attempt() {
+        Err(Attempt::Pipeline(error)) => match pipeline::other_references(&error) {
+            Some(path) => {
+                recorder.log(Level::Info, "references of other settings give way");
+                store::remove(path)?;
+                attempt().map_err(Failure::from)
+            }
+            None => Err(error.into()),
+        },
+        other => other.map_err(Failure::from),
+    }
+}
+
+/// Why a stage did not come to its end, before it is decided what that means.
+enum Attempt {
+    Pipeline(pipeline::Error),
+    Failure(Failure),
+}
+
+impl From<Attempt> for Failure {
+    fn from(attempt: Attempt) -> Self {
+        match attempt {
+            Attempt::Pipeline(error) => error.into(),
+            Attempt::Failure(failure) => failure,
+        }
+    }
+}
+
+impl From<pipeline::Error> for Attempt {
+    fn from(error: pipeline::Error) -> Self {
+        Self::Pipeline(error)
+    }
+}
+
+impl From<Problem> for Attempt {
+    fn from(problem: Problem) -> Self {
+        Self::Failure(Failure::Problem(problem))
+    }
+}
+
+impl From<StoreError> for Attempt {
+    fn from(error: StoreError) -> Self {
+        Self::Failure(error.into())
+    }
+}
+
+impl Stage<'_> {
+    /// The scene, prepared; its notices go into the log.
+    fn open(&self) -> Result<pipeline::Job, Attempt> {
+        let sources = self.service.store.folder().sources(&self.job.id);
+        // Names that a power cut took are given again.
+        self.request.lay_out(self.service, &sources)?;
+        let prepared = self.request.open(&sources)?;
+        for notice in pipeline::notices(&prepared) {
+            self.recorder.log(Level::Warning, &notice);
+        }
+        Ok(prepared)
+    }
+
+    fn run(&self) -> Result<Made, Attempt> {
+        let prepared = self.open()?;
+        let work = self.service.store.folder().work(&self.job.bake);
+        let outcome = pipeline::run(&prepared, &work, &self.watch)?;
+        self.service.metrics.rays(outcome.baked.rays);
+        let read = |name: &str| files::read(&work.join(name), MOST_MODEL_BYTES);
+        let parts = [
+            (pipeline::MODEL, read(pipeline::MODEL)?),
+            (pipeline::REPORT, read(pipeline::REPORT)?),
+            (pipeline::FIGURES, read(pipeline::FIGURES)?),
+            (pipeline::RECIPE, read(pipeline::RECIPE)?),
+        ];
+        self.publish(&parts, Some(outcome.met))
+    }
+
+    fn bake(&self) -> Result<Made, Attempt> {
+        let prepared = self.open()?;
+        let work = self.service.store.folder().work(&self.job.bake);
+        let baked = pipeline::bake(&prepared, &work.join(pipeline::DATASET), &self.watch)?;
+        self.service.metrics.rays(baked.rays);
+        let result = json!({ "dataset": self.job.bake, "poses": baked.poses, "rays": baked.rays });
+        Ok(Made { result, model: None })
+    }
+
+    fn fit(&self) -> Result<Made, Attempt> {
+        let dataset = prepare::open_dataset(self.service, &self.job.bake)?;
+        let recipe = &self.request.recipe;
+        if pipeline::has_target(recipe) {
+            let candidates = self.request.candidates(dataset.header().layout.points)?;
+            let choice = pipeline::choose(&dataset, recipe, &candidates, &self.watch)?;
+            self.recorder.log(Level::Info, &format!("chosen: {}", choice.point.name));
+            let parts = [
+                (pipeline::MODEL, choice.blob),
+                (pipeline::RECIPE, text(&choice.recipe)?),
+                (pipeline::FIGURES, text(&choice.figures)?),
+                (pipeline::REPORT, choice.page.into_bytes()),
+            ];
+            return self.publish(&parts, Some(choice.met));
+        }
+        let fitted = pipeline::fit_watched(&dataset, recipe, &self.watch)?;
+        for notice in &fitted.report.notices {
+            self.recorder.log(Level::Warning, notice);
+        }
+        let precision = Checked::new(recipe).map_err(pipeline::Error::from)?.precision;
+        let blob = fitted.model.to_bytes(precision).map_err(pipeline::Error::from)?;
+        self.publish(&[(pipeline::MODEL, blob), (pipeline::RECIPE, text(recipe)?)], None)
+    }
+
+    fn measure(&self) -> Result<Made, Attempt> {
+        let id = self.request.model.clone().unwrap_or_default();
+        let known = self.service.hot.model(self.service, &id)?;
+        let mut model = Model::clone(&*known.ok_or_else(|| Problem::not_found("model"))?);
+        let dataset = prepare::open_dataset(self.service, &self.job.bake)?;
+        let recipe = &self.request.recipe;
+        let (figures, page) = pipeline::examine(&mut model, &dataset, recipe, &self.watch)?;
+        let reference = Checked::new(recipe).map_err(pipeline::Error::from)?.reference;
+        let met = pipeline::meets_target(&figures.measured, reference);
+        let files = self
+            .keep(&[(pipeline::FIGURES, text(&figures)?), (pipeline::REPORT, page.into_bytes())])?;
+        let href = format!("/v1/models/{id}");
+        let result = json!({ "model": id, "href": href, "target_met": met, "files": files });
+        Ok(Made { result, model: None })
+    }
+
+    fn tradeoff(&self) -> Result<Made, Attempt> {
+        let dataset = prepare::open_dataset(self.service, &self.job.bake)?;
+        let recipe = &self.request.recipe;
+        let checked = Checked::new(recipe).map_err(pipeline::Error::from)?;
+        pipeline::bake_reference(&dataset, checked.reference, &self.watch)?;
+        let candidates = self.request.candidates(dataset.header().layout.points)?;
+        let tradeoff = pipeline::tradeoff(&dataset, &candidates, &self.watch)?;
+        let mut parts = vec![("tradeoff.json", text(&tradeoff)?)];
+        parts.extend(tradeoff.plots().map(|(name, svg)| (name, svg.into_bytes())));
+        let files = self.keep(&parts)?;
+        let result = json!({ "dataset": self.job.bake, "front": tradeoff.front, "files": files });
+        Ok(Made { result, model: None })
+    }
+
+    /// Puts a model with what belongs to it where models are; whole or not at all.
+    fn publish(&self, parts: &[(&str, Vec<u8>)], met: Option<bool>) -> Result<Made, Attempt> {
+        let Self { service, job, .. } = self;
+        let blob = &parts[0].1;
+        let incoming = service.store.folder().incoming()?;
+        write(incoming.path(), parts)?;
+        let place = service.store.folder().model(&job.key);
+        if service.store.model(&job.key)?.is_none() {
+            // Of a process that ended before the store knew of it.
+            store::remove(&place)?;
+        }
+        if !fs::exists(&place).unwrap_or(false) {
+            store::settle(incoming.path(), &place)?;
+        }
+        let id = &job.key;
+        let result = json!({ "model": id, "href": format!("/v1/models/{id}"), "target_met": met });
+        let model = Some((hexadecimal(&Sha256::digest(blob)), blob.len() as u64));
+        Ok(Made { result, model })
+    }
+
+    /// Puts files where results of jobs are; where each can be had.
+    fn keep(&self, parts: &[(&str, Vec<u8>)]) -> Result<Value, Attempt> {
+        let folder = self.service.store.folder();
+        let incoming = folder.incoming()?;
+        write(incoming.path(), parts)?;
+        let place = folder.results(&self.job.id);
+        store::remove(&place)?;
+        store::settle(incoming.path(), &place)?;
+        Ok(prepare::files(self.service, &self.job.id)?)
+    }
+}
+
+fn write(folder: &Path, parts: &[(&str, Vec<u8>)]) -> Result<(), pipeline::Error> {
+    parts.iter().try_for_each(|(name, bytes)| files::publish(&folder.join(name), bytes))
+}
+
+fn text(value: &impl serde::Serialize) -> Result<Vec<u8>, Problem> {
+    serde_json::to_vec_pretty(value).map_err(|error| Problem::internal(&error))
+}
