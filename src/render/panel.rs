@@ -117,13 +117,15 @@ fn write_legend(out: &mut Picture, top: usize, scale: usize, (gain, unit): (f32,
     }
     let text_top = top + line + 2 * scale;
     glyphs::write(out, "0", [margin, text_top], scale, INK);
-    for (part, label) in
-        [(2.0, number(0.5 / gain)), (1.0, format!("{} {unit}", number(1.0 / gain)))]
-    {
-        let width = glyphs::width(&label, scale);
-        let at = (length as f32 / part) as usize + margin;
-        let left = if part == 1.0 { at.saturating_sub(width) } else { at - (width / 2).min(at) };
-        glyphs::write(out, &label, [left, text_top], scale, INK);
+    let end = format!("{} {unit}", number(1.0 / gain));
+    let right = (margin + length).saturating_sub(glyphs::width(&end, scale));
+    glyphs::write(out, &end, [right, text_top], scale, INK);
+    let middle = number(0.5 / gain);
+    let width = glyphs::width(&middle, scale);
+    let left = (margin + length / 2).saturating_sub(width / 2);
+    // Where a narrow panel leaves no room, the ends say enough.
+    if left > margin + glyphs::width("0", scale) && left + width < right {
+        glyphs::write(out, &middle, [left, text_top], scale, INK);
     }
 }
 
