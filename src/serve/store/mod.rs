@@ -44,6 +44,8 @@ const KINDS: &str = "
 ALTER TABLE jobs ADD COLUMN kind TEXT NOT NULL DEFAULT 'run';
 ALTER TABLE jobs ADD COLUMN memory_bytes INTEGER NOT NULL DEFAULT 0;
 CREATE INDEX jobs_by_result ON jobs (fit, kind);
+CREATE INDEX jobs_by_state_and_number ON jobs (state, seq);
+CREATE INDEX jobs_by_kind_and_number ON jobs (kind, seq);
 CREATE TABLE logs (
     job INTEGER NOT NULL, id INTEGER NOT NULL, at_ms INTEGER NOT NULL, level TEXT NOT NULL,
     text TEXT NOT NULL, PRIMARY KEY (job, id)
