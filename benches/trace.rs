@@ -2,8 +2,9 @@
 //!
 //! Traces one and the same kind of rays (sorted cosine-weighted sets, 500 per point, every point
 //! of a posed character) in a bare loop over prepared rays and by the baker (`transfer`, order 6),
-//! in turns, and prints ratios. The character is `MH_Male_CMU02.glb` where the assets are at hand
-//! (environment variable POSELIGHT_ASSETS, or `../shared/assets`), else the bundled figure.
+//! in turns, and prints ratios: for two characters, a scan and a level where the assets are at hand
+//! (environment variable POSELIGHT_ASSETS, or a folder `shared/assets` beside the repository), else
+//! for the bundled figure.
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "a program that prints a table")]
 
 use std::fs;
@@ -25,43 +26,56 @@ use rayon::prelude::*;
 const RAYS: usize = 500;
 const ROUNDS: usize = 3;
 
+/// What is traced where the assets are at hand: two characters, a scan, a level.
+const ASSETS: [&str; 4] = [
+    "rigged/MH_Male_CMU02.glb",
+    "rigged/KayKit_Knight.glb",
+    "static/nefertiti_lowres.obj",
+    "scene/zdm2.glb",
+];
+
 fn main() {
-    let (name, scene) = character();
-    let set = pose::sample(&scene, &pose::Settings::default()).unwrap();
-    let count = set.samples.len().min(32);
-    let posed: Vec<Deformed> =
-        (0..count).map(|i| posed(&scene, &set, i * set.samples.len() / count)).collect();
-    let threads = rayon::current_num_threads();
-    println!(
-        "{name}: {} points, {} triangles, {threads} threads, {RAYS} rays per point\n",
-        set.points.count(),
-        scene.mesh.triangles.len()
-    );
-    let order = Order::new(6).unwrap();
-    let settings = Settings {
-        signal: Signal::Transfer,
-        order,
-        rays: RAYS as u32,
-        max_distance_m: None,
-        seed: 1,
-    };
-    let baker = Baker::new(&scene.mesh.triangles, &set.points, &settings).unwrap();
-    let bare = Bare::new(&scene.mesh.triangles, &set, &posed[count / 2]);
-    let width = widths(&bare);
-    compare(&baker, &bare, &posed, width);
-    scaling(&baker, &posed);
+    let all = scenes();
+    println!("{RAYS} rays per point, {} threads\n", rayon::current_num_threads());
+    for (index, (name, scene)) in all.iter().enumerate() {
+        let set = pose::sample(scene, &pose::Settings::default()).unwrap();
+        let count = set.samples.len().min(if index == 0 { 32 } else { 1 });
+        let posed: Vec<Deformed> =
+            (0..count).map(|i| posed(scene, &set, i * set.samples.len() / count)).collect();
+        let (points, triangles) = (set.points.count(), scene.mesh.triangles.len());
+        println!("**{name}**: {points} points, {triangles} triangles\n");
+        let settings = Settings {
+            signal: Signal::Transfer,
+            order: Order::new(6).unwrap(),
+            rays: RAYS as u32,
+            max_distance_m: None,
+            seed: 1,
+        };
+        let baker = Baker::new(&scene.mesh.triangles, &set.points, &settings).unwrap();
+        let bare = Bare::new(&scene.mesh.triangles, &set, &posed[count / 2]);
+        let width = if index == 0 { widths(&bare) } else { bare.device.width() };
+        compare(&baker, &bare, (&posed, &scene.mesh.triangles), width);
+        if index == 0 {
+            scaling(&baker, &posed);
+        }
+    }
 }
 
-fn character() -> (&'static str, scene::Scene) {
+/// The assets that are there; the bundled figure where none is.
+fn scenes() -> Vec<(&'static str, scene::Scene)> {
     let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/assets");
     let assets = std::env::var_os("POSELIGHT_ASSETS").map_or(PathBuf::from(beside), PathBuf::from);
-    let path = assets.join("rigged/MH_Male_CMU02.glb");
-    if path.exists() {
-        return ("MH_Male_CMU02.glb", scene::import(&path, &Limits::default()).unwrap());
+    let there = ASSETS.iter().filter(|name| assets.join(name).exists());
+    let import = |name: &&'static str| {
+        (*name, scene::import(&assets.join(name), &Limits::default()).unwrap())
+    };
+    let found: Vec<_> = there.map(import).collect();
+    if !found.is_empty() {
+        return found;
     }
-    let bytes = scene::figure::figure();
-    let source = scene::Source { name: "figure.glb".into(), bytes };
-    ("bundled figure", scene::import_sources(vec![source], &Limits::default()).unwrap())
+    let source = scene::Source { name: "figure.glb".into(), bytes: scene::figure::figure() };
+    let figure = scene::import_sources(vec![source], &Limits::default()).unwrap();
+    vec![("bundled figure", figure)]
 }
 
 fn posed(scene: &scene::Scene, set: &PoseSet, index: usize) -> Deformed {
@@ -162,13 +176,23 @@ fn widths(bare: &Bare) -> Width {
 }
 
 /// The bare loop and the baker in turns, over one pose and the same number of rays.
-fn compare(baker: &Baker, bare: &Bare, posed: &[Deformed], width: Width) {
+fn compare(
+    baker: &Baker,
+    bare: &Bare,
+    (posed, triangles): (&[Deformed], &[[u32; 3]]),
+    width: Width,
+) {
     let go = AtomicBool::new(false);
     let middle = posed.len() / 2;
-    let mut ratios = [const { Vec::new() }; 3];
+    let mut ratios = [const { Vec::new() }; 4];
     for round in 0..2 * ROUNDS {
         let bare_s = bare.trace(&bare.scene, width);
         let outside_s = bare.trace(&bare.empty, width);
+        let start = Instant::now();
+        std::hint::black_box(
+            Scene::build(&bare.device, &posed[middle].positions, triangles).unwrap(),
+        );
+        let tree_s = start.elapsed().as_secs_f64();
         let (start, before) = (Instant::now(), runnable_s());
         baker.bake(&[mesh(&posed[middle], round), mesh(&posed[middle], round)], &go).unwrap();
         let baked_s = start.elapsed().as_secs_f64() / 2.0;
@@ -176,14 +200,16 @@ fn compare(baker: &Baker, bare: &Bare, posed: &[Deformed], width: Width) {
         ratios[1].push((bare_s - outside_s) / baked_s);
         let busy = (runnable_s() - before) / (2.0 * baked_s * rayon::current_num_threads() as f64);
         ratios[2].push(busy);
+        ratios[3].push(tree_s / (baked_s * rayon::current_num_threads() as f64));
     }
-    let [speed, inside, busy] = ratios.map(|r| 100.0 * median(r));
+    let [speed, inside, busy, tree] = ratios.map(|r| 100.0 * median(r));
     println!("| baker against the bare loop | median of {} |\n|---|---|", 2 * ROUNDS);
     println!("| rays per second of the best bare loop's | {speed:.1} % |");
     println!(
         "| of its wall time inside the library (the time that the bare loop is inside) | {inside:.1} % |"
     );
-    println!("| threads running or ready to run | {busy:.1} % |\n");
+    println!("| threads running or ready to run | {busy:.1} % |");
+    println!("| building the tree, of all threads' time for a pose | {tree:.1} % |\n");
 }
 
 /// Rays per second and memory over the number of poses, in blocks of 8 as a data set is baked.

@@ -1,10 +1,10 @@
-//! `cargo bench --bench transport`: what light between surfaces costs, and what rays buy.
+//! `cargo bench --bench transport [-- bounces|rays]`: what light between surfaces costs, and what rays buy.
 //!
 //! Bounces: wall time of a bake of one to three bounces over the direct one's, same poses, taken
 //! in turns. Rays: the error of ambient occlusion against a bake of 32,768 rays over the number of
 //! rays, beside plain random rays (whose error follows from the share p that is blocked: p(1−p)/n)
-//! and beside rays that adapt to a stated noise. A character of the asset folder where there is
-//! one, else the bundled figure.
+//! and beside rays that adapt to a stated noise. MH_Male_CMU02 or the character that
+//! POSELIGHT_CHARACTER names in the asset folder's `rigged`; where there is none, the bundled figure.
 
 #![expect(clippy::print_stdout, reason = "a benchmark prints its tables")]
 #![expect(clippy::unwrap_used, reason = "a benchmark ends where something fails")]
@@ -14,7 +14,9 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use poselight::bake::{BakedPose, Baker, PosedMesh, Reflectance, Settings, Signal};
+use poselight::bake::{
+    BakedPose, Baker, Noise, NoiseGoal, PosedMesh, Reflectance, Settings, Signal,
+};
 use poselight::pose::{self, PoseSet};
 use poselight::rig::{self, Deformed};
 use poselight::scene::{self, Limits, Scene, Surface, figure};
@@ -39,8 +41,17 @@ fn main() {
         rayon::current_num_threads()
     );
     let stage = Stage { scene: &scene, set: &set, posed: &posed };
-    stage.bounces();
-    stage.rays();
+    let asked = |part: &str| {
+        let parts = ["bounces", "rays"];
+        let mut named = std::env::args().filter(|arg| parts.contains(&arg.as_str())).peekable();
+        named.peek().is_none() || named.any(|arg| arg == part)
+    };
+    if asked("bounces") {
+        stage.bounces();
+    }
+    if asked("rays") {
+        stage.rays();
+    }
 }
 
 struct Stage<'a> {
@@ -119,22 +130,30 @@ impl Stage<'_> {
         let needed = interpolate(&table, random(512.0));
         println!("The RMSE of 512 random rays takes {needed:.0} rays, {:.0} %.\n", needed / 5.12);
         println!(
-            "| stated noise | RMSE | claimed | rays per point, pilot included | uniform rays for the same RMSE | share |\n|---|---|---|---|---|---|"
+            "| stated noise | goal | RMSE | claimed | rays per point, pilot included | uniform rays for the same RMSE | share |\n|---|---|---|---|---|---|---|"
         );
-        for noise in [0.02, 0.01, 0.005, 0.0025] {
-            let settings = settings(Signal::Ao, 16_384, 1);
-            let baker = self.baker(Signal::Ao, 16_384, 1).to_noise(noise, &settings).unwrap();
-            let baked = self.bake(&baker);
-            let counts = baked.iter().flat_map(|pose| &pose.rays);
-            let spent = counts.clone().map(|&n| f64::from(n)).sum::<f64>() / counts.count() as f64;
-            let error = rmse(&baked, &truth);
-            let uniform = interpolate(&table, error);
-            println!(
-                "| {noise} | {error:.5} | {:.5} | {spent:.0} | {uniform:.0} | {:.0} % |",
-                claimed(&baked),
-                100.0 * spent / uniform
-            );
+        for goal in [NoiseGoal::Each, NoiseGoal::Mean] {
+            for target in [0.02, 0.01, 0.005, 0.0025] {
+                self.to_noise(Noise { target, goal }, &table, &truth);
+            }
         }
+    }
+
+    fn to_noise(&self, noise: Noise, table: &[(f64, f64)], truth: &[BakedPose]) {
+        let settings = settings(Signal::Ao, 16_384, 1);
+        let baker = self.baker(Signal::Ao, 16_384, 1).to_noise(noise, &settings).unwrap();
+        let baked = self.bake(&baker);
+        let counts = baked.iter().flat_map(|pose| &pose.rays);
+        let spent = counts.clone().map(|&n| f64::from(n)).sum::<f64>() / counts.count() as f64;
+        let error = rmse(&baked, truth);
+        let uniform = interpolate(table, error);
+        println!(
+            "| {} | {:?} | {error:.5} | {:.5} | {spent:.0} | {uniform:.0} | {:.0} % |",
+            noise.target,
+            noise.goal,
+            claimed(&baked),
+            100.0 * spent / uniform
+        );
     }
 }
 
@@ -166,9 +185,10 @@ fn claimed(baked: &[BakedPose]) -> f64 {
 fn character() -> (String, Scene) {
     let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/assets");
     let assets = std::env::var_os("POSELIGHT_ASSETS").map_or(PathBuf::from(beside), PathBuf::from);
-    let path = assets.join("rigged/MH_Male_CMU02.glb");
+    let name = std::env::var("POSELIGHT_CHARACTER").unwrap_or("MH_Male_CMU02".into());
+    let path = assets.join(format!("rigged/{name}.glb"));
     if path.exists() {
-        return ("MH_Male_CMU02.glb".into(), scene::import(&path, &Limits::default()).unwrap());
+        return (name, scene::import(&path, &Limits::default()).unwrap());
     }
     let source = scene::Source { name: "figure.glb".into(), bytes: figure::figure() };
     let scene = scene::import_sources(vec![source], &Limits::default()).unwrap();

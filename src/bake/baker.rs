@@ -1,7 +1,7 @@
 //! Poses in, coefficients out, with all cores busy.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -11,13 +11,17 @@ use crate::trace::Device;
 
 use super::adaptive::Adaptive;
 use super::bounce::{Bounces, MOST_ROW_BYTES};
+use super::diffusion::{self, Cloud};
 use super::kernel::{Scratch, bake_point};
 use super::least_squares::LeastSquares;
 use super::plan::Plan;
 use super::posed::{Posed, Stage};
-use super::seen::Sink;
+use super::sites;
 use super::surroundings::{NO_POINT, Surroundings, Trees};
-use super::{BakedPose, Error, MOST_SITES, PosedMesh, Reflectance, Settings, Signal, sites};
+use super::{
+    BakedPose, Error, MOST_SITES, Noise, Openings, PosedMesh, Reflectance, Settings, Signal,
+    Subsurface,
+};
 
 /// Rays per task: a few milliseconds, so that cores end together and cancelling is prompt.
 const RAYS_PER_TASK: usize = 1 << 14;
@@ -26,32 +30,16 @@ const RAYS_PER_TASK: usize = 1 << 14;
 /// ends of waves do not show.
 const POINTS_PER_WAVE: usize = 1 << 14;
 
-/// Bytes that the tracer needs per triangle and per vertex, measured with margin.
-const SCENE_BYTES_PER_TRIANGLE: u64 = 400;
-
-/// Points of a trial of how many rays a stated noise takes.
-const TRIAL_POINTS: usize = 512;
-
 /// Bakes poses of one mesh.
 #[derive(Debug)]
 pub struct Baker {
-    stage: Stage,
-    plan: Plan,
-    reflectance: Option<Reflectance>,
-    adaptive: Option<Adaptive>,
+    pub(super) stage: Stage,
+    pub(super) plan: Plan,
+    pub(super) reflectance: Option<Reflectance>,
+    pub(super) adaptive: Option<Adaptive>,
+    pub(super) subsurface: Option<Subsurface>,
     /// What a pose's hits may take before each bounce traces anew.
     pub(super) most_row_bytes: u64,
-}
-
-/// What a short trial says of a machine and a pose.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Calibration {
-    /// All threads together.
-    pub rays_per_s: f64,
-    /// The mean over the points of the trial.
-    pub rays_per_point: f64,
-    /// One thread, one pose: check, scale and build, seconds.
-    pub prepare_s: f64,
 }
 
 /// The points of one pose that one task bakes.
@@ -82,11 +70,18 @@ impl Baker {
             points: points.clone(),
             trees: Trees::one(triangles),
             surroundings: Surroundings::default(),
+            openings: None,
             fit: None,
             max_distance_m: plan.max_distance_m,
         };
-        let (reflectance, adaptive) = (None, None);
-        Ok(Self { stage, plan, reflectance, adaptive, most_row_bytes: MOST_ROW_BYTES })
+        Ok(Self {
+            stage,
+            plan,
+            reflectance: None,
+            adaptive: None,
+            subsurface: None,
+            most_row_bytes: MOST_ROW_BYTES,
+        })
     }
 
     /// The same within surroundings.
@@ -101,6 +96,13 @@ impl Baker {
         self.plan.falloff = surroundings.falloff;
         self.stage.surroundings = surroundings;
         Ok(self)
+    }
+
+    /// The same with surfaces that do not block every ray.
+    #[must_use]
+    pub fn through(mut self, openings: Openings) -> Self {
+        self.stage.openings = Some(Arc::new(openings));
+        self
     }
 
     /// The same with light that comes by way of other surfaces.
@@ -131,13 +133,13 @@ impl Baker {
         Ok(self)
     }
 
-    /// The same with as many rays at each point as it takes for a standard error of `target`, in the
-    /// unit of [`BakedPose::noise`], and at most `settings.rays`, to which a pilot of 48 adds.
+    /// The same with as many rays at each point as a noise takes, at most `settings.rays`, to which
+    /// a pilot of 16 adds.
     /// `settings` are those of [`Self::new`]; call this last.
     ///
     /// # Errors
     /// A target that is not positive, or bounces.
-    pub fn to_noise(mut self, target: f32, settings: &Settings) -> Result<Self, Error> {
+    pub fn to_noise(mut self, noise: Noise, settings: &Settings) -> Result<Self, Error> {
         if self.stage.fit.is_some() {
             return Err(Error::FitOf);
         }
@@ -145,8 +147,25 @@ impl Baker {
             return Err(Error::NoiseOfBounces);
         }
         let falloff = self.plan.falloff;
-        self.adaptive = Some(Adaptive::new(target, settings, falloff, &self.stage)?);
+        self.adaptive = Some(Adaptive::new(noise, settings, falloff, &self.stage)?);
         Ok(self)
+    }
+
+    /// The same with light that travels below the surface; bounces come first.
+    ///
+    /// # Errors
+    /// Another signal than transfer, or a material that cannot be.
+    pub fn diffusing(mut self, subsurface: Subsurface) -> Result<Self, Error> {
+        subsurface.check(self.plan.signal)?;
+        self.subsurface = Some(subsurface);
+        Ok(self)
+    }
+
+    /// Colour channels of the coefficients: 1 where nothing has a colour, else 3.
+    #[must_use]
+    pub fn channels(&self) -> usize {
+        let surface = self.reflectance.as_ref().map_or(1, |reflectance| reflectance.channels);
+        self.subsurface.map_or(surface, |subsurface| subsurface.channels(surface))
     }
 
     /// How many points each pose has.
@@ -182,113 +201,69 @@ impl Baker {
         let mut baked = Vec::with_capacity(poses.len());
         for (index, wave_poses) in poses.chunks(wave).enumerate() {
             let posed = self.prepare(wave_poses, index * wave, cancelled)?;
-            match (&self.adaptive, &self.reflectance) {
-                (None, None) => {
-                    let traced = self.trace(&posed, cancelled)?;
-                    baked.extend(traced.into_iter().map(|pose| self.at_points(pose)));
-                }
-                (Some(adaptive), _) => {
-                    for posed in &posed {
-                        baked.push(adaptive.bake(posed, cancelled)?);
-                    }
-                }
-                (None, Some(reflectance)) => {
-                    for (posed, mesh) in posed.iter().zip(wave_poses) {
-                        let (plan, stage, normals) = (&self.plan, &self.stage, mesh.normals);
-                        let most_row_bytes = self.most_row_bytes;
-                        let bounces = Bounces {
-                            plan,
-                            stage,
-                            posed,
-                            normals,
-                            reflectance,
-                            most_row_bytes,
-                            cancelled,
-                        };
-                        baked.push(bounces.bake()?);
-                    }
-                }
+            let traced = self.traced(&posed, wave_poses, cancelled)?;
+            for (pose, mesh) in traced.into_iter().zip(wave_poses) {
+                baked.push(self.diffused(pose, mesh, cancelled)?);
             }
         }
         Ok(baked)
     }
 
-    /// The most memory that [`Self::bake`] adds for so many poses in one call on so many threads,
-    /// result and tables included, in bytes; an upper estimate.
-    #[must_use]
-    pub fn memory_bytes(&self, poses: usize, threads: usize) -> u64 {
-        let points = self.stage.fit.as_ref().map_or(self.points(), |fit| fit.sites.len()) as u64;
-        let vertices = self.stage.points.of_vertex.len() as u64;
-        let coefficients = self.plan.coefficients as u64;
-        let triangles = self.stage.trees.count() as u64;
-        let in_flight = poses.min(self.poses_per_wave(threads)) as u64;
-        let per_pose = triangles * SCENE_BYTES_PER_TRIANGLE + 24 * vertices + 44 * points;
-        let reflectance = self.reflectance.as_ref();
-        let channels = reflectance.map_or(1, |r| r.channels as u64);
-        let bounces = reflectance.map_or(0, |r| r.memory_bytes(&self.plan, points));
-        let result = poses as u64 * points * 4 * (coefficients * channels + 2) + bounces;
-        let scratch = threads as u64
-            * 4
-            * (4 * self.plan.directions.directions() as u64
-                + self.plan.blocks as u64 * coefficients);
-        let ladder = self.adaptive.as_ref().map_or(0, Adaptive::memory_bytes);
-        self.plan.memory_bytes() + ladder + in_flight * per_pose + result + scratch
+    /// What rays say of a wave of poses.
+    fn traced(
+        &self,
+        posed: &[Posed],
+        meshes: &[PosedMesh<'_>],
+        cancelled: &AtomicBool,
+    ) -> Result<Vec<BakedPose>, Error> {
+        let (plan, stage, most_row_bytes) = (&self.plan, &self.stage, self.most_row_bytes);
+        match (&self.adaptive, &self.reflectance) {
+            (None, None) => {
+                let traced = self.trace(posed, cancelled)?;
+                Ok(traced.into_iter().map(|pose| self.at_points(pose)).collect())
+            }
+            (Some(adaptive), _) => {
+                posed.iter().map(|posed| adaptive.bake(posed, cancelled)).collect()
+            }
+            (None, Some(reflectance)) => {
+                let one = |(posed, mesh): (&Posed, &PosedMesh<'_>)| {
+                    let normals = mesh.normals;
+                    let bounces = Bounces {
+                        plan,
+                        stage,
+                        posed,
+                        normals,
+                        reflectance,
+                        most_row_bytes,
+                        cancelled,
+                    };
+                    bounces.bake()
+                };
+                posed.iter().zip(meshes).map(one).collect()
+            }
+        }
     }
 
-    /// Bakes as many points of a pose as fit in `budget_s` seconds or so, evenly spread, and says
-    /// how fast that went.
-    ///
-    /// # Errors
-    /// As [`Self::bake`].
-    pub fn calibrate(&self, pose: &PosedMesh<'_>, budget_s: f64) -> Result<Calibration, Error> {
-        let start = Instant::now();
-        let mut posed = self.prepare(std::slice::from_ref(pose), 0, &AtomicBool::new(false))?;
-        let prepare_s = start.elapsed().as_secs_f64();
-        let Some(posed) = posed.pop().filter(|_| self.points() > 0) else {
-            let rays_per_point = self.plan.rays() as f64;
-            return Ok(Calibration { rays_per_s: f64::INFINITY, rays_per_point, prepare_s });
-        };
-        let threads = rayon::current_num_threads();
-        let start = Instant::now();
-        let baked: usize = rayon::broadcast(|context| {
-            let mut scratch = Scratch::new(&self.plan);
-            let mut out = vec![0.0; self.plan.coefficients];
-            let rays = self.plan.directions.directions();
-            let sink = |_: &_| Sink::new(&self.stage, pose.normals, usize::MAX, rays);
-            let mut sink = self.reflectance.as_ref().map(sink);
-            let mut baked = 0;
-            // At least one, however late the thread wakes up.
-            while baked == 0 || start.elapsed().as_secs_f64() < budget_s {
-                // An odd multiplier of the golden ratio visits the mesh evenly.
-                let step = (baked * threads + context.index()) as u64 * 0x9e37_79b9;
-                let point = ((step & 0xffff_ffff) * self.points() as u64) >> 32;
-                let seen = sink.as_mut();
-                bake_point(&self.plan, &posed, point as usize, &mut scratch, seen, &mut out);
-                sink.as_mut().map(Sink::take);
-                baked += 1;
-            }
-            baked
-        })
-        .into_iter()
-        .sum();
-        let rays_per_s = (baked * self.plan.rays()) as f64 / start.elapsed().as_secs_f64();
-        let rays_per_point = match &self.adaptive {
-            Some(adaptive) => adaptive.rays_per_point(&posed, TRIAL_POINTS),
-            None => {
-                let sites = self.stage.fit.as_ref().map_or(self.points(), |fit| fit.sites.len());
-                self.plan.rays() as f64 * sites as f64 / self.points() as f64
-            }
-        };
-        Ok(Calibration { rays_per_s, rays_per_point, prepare_s })
+    /// The same with what travels below the surface.
+    pub(super) fn diffused(
+        &self,
+        pose: BakedPose,
+        mesh: &PosedMesh<'_>,
+        cancelled: &AtomicBool,
+    ) -> Result<BakedPose, Error> {
+        let Some(subsurface) = &self.subsurface else { return Ok(pose) };
+        let channels = self.reflectance.as_ref().map_or(1, |reflectance| reflectance.channels);
+        let cloud = Cloud::new(&self.stage, mesh.positions, mesh.normals);
+        diffusion::diffuse(subsurface, &cloud, &pose, channels, cancelled)
     }
 
     /// At least one pose per thread: scenes are built one per thread at a time.
-    fn poses_per_wave(&self, threads: usize) -> usize {
+    pub(super) fn poses_per_wave(&self, threads: usize) -> usize {
         let for_points = POINTS_PER_WAVE / self.points().max(1);
         for_points.clamp(1, 64).next_multiple_of(threads.max(1))
     }
 
-    fn prepare(
+    pub(super) fn prepare(
         &self,
         poses: &[PosedMesh<'_>],
         first: usize,

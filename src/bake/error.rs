@@ -63,6 +63,35 @@ pub enum Error {
     /// A fit of vertices with bounces or a target noise.
     #[error("a least-squares vertex fit takes neither bounces nor a target noise")]
     FitOf,
+    /// Diffusion below the surface of a signal that has no light.
+    #[error("the signal {signal} has no light to diffuse below the surface; transfer has")]
+    SubsurfaceOf {
+        /// What was asked for.
+        signal: &'static str,
+    },
+    /// A mean free path that is no length.
+    #[error("a mean free path of {found} m diffuses nothing; choose a positive number of metres")]
+    MeanFreePath {
+        /// What was asked for.
+        found: f32,
+    },
+    /// More is absorbed than is met.
+    #[error(
+        "an absorption of {found} per metre is not from 0 to below {most}, the inverse of the mean \
+         free path"
+    )]
+    Absorption {
+        /// What was asked for.
+        found: f32,
+        /// The inverse of the mean free path.
+        most: f32,
+    },
+    /// No such glass.
+    #[error("a refractive index of {found} is none of a material below a surface; choose 1 to 3")]
+    Refraction {
+        /// What was asked for.
+        found: f32,
+    },
     /// Bounces out of range.
     #[error("{found} bounces cannot be baked; choose 1 to {most}", most = super::MOST_BOUNCES)]
     Bounces {

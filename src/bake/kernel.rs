@@ -23,11 +23,14 @@ const ROOM: usize = MAX_COEFFICIENTS.next_multiple_of(LANES);
 pub(super) struct Scratch {
     /// The set's directions in the root frame.
     turned: [Vec<f32>; 3],
-    blocked: Vec<u64>,
+    pub(super) blocked: Vec<u64>,
     listed: Vec<u16>,
     rotation: Rotation,
     /// [block, coefficient]: what is blocked, root frame.
     blocks: Vec<f32>,
+    /// How often consecutive rays of the last point differed: the sum of squared differences, where
+    /// blocked is 1.
+    pub(super) crossed: f32,
 }
 
 impl Scratch {
@@ -39,7 +42,20 @@ impl Scratch {
             listed: vec![0; rays],
             rotation: Rotation::identity(plan.order),
             blocks: vec![0.0; plan.blocks * plan.coefficients],
+            crossed: 0.0,
         }
+    }
+
+    /// How often consecutive ones of the first so many bits differ.
+    pub(super) fn crossings(&self, rays: usize) -> f64 {
+        let mut before = self.blocked.first().map_or(0, |word| word & 1);
+        let mut count = 0;
+        for (word, start) in self.blocked.iter().zip((0..rays).step_by(64)) {
+            let within = u64::MAX >> (64 - (rays - start).min(64));
+            count += ((word ^ (word << 1 | before)) & within).count_ones();
+            before = word >> 63;
+        }
+        f64::from(count)
     }
 }
 
@@ -70,6 +86,7 @@ pub(super) fn bake_blocks(
         scratch.blocks.resize(blocks * count, 0.0);
     }
     let mut half_squares = 0.0;
+    scratch.crossed = 0.0;
     for block in 0..blocks {
         half_squares += trace_block(plan, posed, point, block, scratch, sink.as_deref_mut());
     }
@@ -111,10 +128,10 @@ fn trace_block(
     let [x, y, z] = &scratch.turned;
     let rays = Rays { origin: posed.origins[point], x, y, z, near: posed.near, far: posed.far };
     let count = plan.coefficients;
-    let out = &mut scratch.blocks[block * count..(block + 1) * count];
     if let Some(exponent) = plan.falloff {
-        let [first, second] = falloff::shares(posed, point, &rays, &set, exponent);
-        out[0] = ((first + second) / 2.0) as f32;
+        let ([first, second], crossed) = falloff::shares(posed, point, &rays, &set, exponent);
+        scratch.blocks[block] = ((first + second) / 2.0) as f32;
+        scratch.crossed += crossed;
         return ((first - second) / 2.0).powi(2);
     }
     match sink {
@@ -126,6 +143,24 @@ fn trace_block(
             }
         }
     }
+    scratch.crossed += scratch.crossings(set.x.len()) as f32;
+    let sums = &mut [0.0; MAX_COEFFICIENTS][..count];
+    let squares = reduce(plan, index, scratch, sums);
+    let out = &mut scratch.blocks[block * count..(block + 1) * count];
+    if plan.signal == Signal::Ao {
+        out.copy_from_slice(sums);
+    } else {
+        scratch.rotation.set(frame);
+        scratch.rotation.apply(sums, out);
+    }
+    squares
+}
+
+/// What the scratch's bits of a set take away, in the set's frame; returns the sum of squares over
+/// the coefficients of half the difference between the set's halves.
+pub(super) fn reduce(plan: &Plan, index: usize, scratch: &mut Scratch, out: &mut [f32]) -> f64 {
+    let set = plan.directions.set(index);
+    let count = plan.coefficients;
     if plan.signal == Signal::Ao {
         let [first, second] = shares(&scratch.blocked, &set);
         out[0] = ((first + second) / 2.0) as f32;
@@ -138,14 +173,12 @@ fn trace_block(
         let blocked = list_bits(words, &mut scratch.listed);
         plan.rows[index].sum(&scratch.listed[..blocked], sums);
     }
-    let [first, second] = &mut halves;
+    let [first, second] = &halves;
     let mut squares = 0.0;
-    for (a, b) in first[..count].iter_mut().zip(&second[..count]) {
-        squares += f64::from((*a - b) / 2.0).powi(2);
-        *a = (*a + b) / 2.0;
+    for ((a, b), out) in first[..count].iter().zip(&second[..count]).zip(out) {
+        squares += f64::from((a - b) / 2.0).powi(2);
+        *out = (a + b) / 2.0;
     }
-    scratch.rotation.set(frame);
-    scratch.rotation.apply(&first[..count], out);
     squares
 }
 

@@ -12,25 +12,34 @@
 //! that nothing blocks is exact, and its noise is 0.
 
 mod adaptive;
+mod allocate;
 mod baker;
 mod bounce;
+mod buried;
+mod cost;
+mod diffusion;
 mod error;
 mod falloff;
 mod ground;
 mod kernel;
 mod least_squares;
+mod openings;
 mod plan;
 mod posed;
 mod seen;
 mod sites;
+mod subsurface;
 mod sums;
 mod surroundings;
 
 pub use adaptive::gain;
-pub use baker::{Baker, Calibration};
+pub use baker::Baker;
 pub use bounce::{MOST_BOUNCES, Reflectance};
+pub use cost::Calibration;
 pub use error::Error;
+pub use openings::Openings;
 pub use plan::rays_cast;
+pub use subsurface::Subsurface;
 pub use surroundings::{NO_POINT, Surroundings, View};
 
 pub use crate::model::Signal;
@@ -44,6 +53,24 @@ pub const MOST_SITES: u32 = 1024;
 
 /// The most rays per point that may be asked for.
 pub const MOST_RAYS: u32 = 1_000_000;
+
+/// A noise that decides how many rays there are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Noise {
+    /// Standard error, in the unit of [`BakedPose::noise`].
+    pub target: f32,
+    /// Whose.
+    pub goal: NoiseGoal,
+}
+
+/// What a target noise is meant for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NoiseGoal {
+    /// No point's is larger, as far as can be told beforehand.
+    Each,
+    /// The root mean square over the points of each pose is not larger; the least rays in all.
+    Mean,
+}
 
 /// What to bake and how well.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -14,7 +14,7 @@ use crate::trace;
 use super::least_squares::LeastSquares;
 use super::sites::Site;
 use super::surroundings::{NO_POINT, Surroundings, Trees};
-use super::{Error, PosedMesh};
+use super::{Error, Openings, PosedMesh};
 
 /// The offset in mean lengths of the adjoining edges: a thousand times what single precision loses
 /// in intersecting a triangle of that size, and far below what an eye sees.
@@ -52,6 +52,8 @@ pub(super) struct Stage {
     pub(super) points: Points,
     pub(super) trees: Trees,
     pub(super) surroundings: Surroundings,
+    /// What lets rays through, where anything does.
+    pub(super) openings: Option<Arc<Openings>>,
     /// Where rays start, where that is not at the points.
     pub(super) fit: Option<LeastSquares>,
     /// Metres; infinite where there is no limit.
@@ -74,11 +76,16 @@ impl Posed {
         check(pose, mesh, points.of_vertex.len())?;
         let space = Space::around(mesh.positions);
         let positions: Vec<Vec3> = mesh.positions.iter().map(|&p| space.enter(p)).collect();
-        let build = |triangles: &Vec<[u32; 3]>| {
-            trace::Scene::build(&stage.device, &positions, triangles)
+        let build = |(tree, triangles): (usize, &Vec<[u32; 3]>)| {
+            let numbered = (0..).zip(triangles).map(|(i, &t)| (stage.trees.original(tree, i), t));
+            let openings = stage.openings.as_ref();
+            let filter =
+                openings.map(|openings| openings.filter(numbered, &positions, mesh.normals));
+            trace::Scene::build_filtered(&stage.device, &positions, triangles, filter)
                 .map_err(|source| Error::Trace { pose, source })
         };
-        let scenes = stage.trees.triangles.iter().map(build).collect::<Result<_, _>>()?;
+        let trees = stage.trees.triangles.iter().enumerate();
+        let scenes = trees.map(build).collect::<Result<_, _>>()?;
         let around = surroundings(&stage.triangles, points, &positions);
         let normals: Vec<Vec3> = points
             .vertex

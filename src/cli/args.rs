@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+pub(crate) use super::bake_args::BakeFlags;
 pub(crate) use super::fit_args::{FitCommandArgs, FitFlags};
-use super::surroundings::SurroundingsFlags;
-use crate::pipeline::recipe::{ParametrisationName, Recipe, SignalName};
+use crate::pipeline::recipe::{ParametrisationName, Recipe};
 
 /// The recipe's names for the values of flags.
 macro_rules! names {
@@ -142,53 +142,6 @@ pub(super) enum ParametrisationArg {
 }
 
 #[derive(Debug, Args)]
-#[command(next_help_heading = "Bake")]
-pub(crate) struct BakeFlags {
-    /// What is baked [default: transfer].
-    #[arg(long, value_enum)]
-    signal: Option<SignalArg>,
-    /// Order of the spherical harmonics, 1 to 10 [default: 6].
-    #[arg(long, value_name = "N")]
-    order: Option<u8>,
-    /// Rays per vertex and pose; with --noise the most [default: 500; with --noise 16384].
-    #[arg(long, value_name = "N")]
-    rays: Option<u32>,
-    /// As many rays at each vertex as it takes for this standard error of a coefficient.
-    #[arg(long, value_name = "ERROR")]
-    noise: Option<f32>,
-    /// Metres beyond which nothing occludes; unbounded when absent.
-    #[arg(long, value_name = "METRES")]
-    max_distance: Option<f32>,
-    /// How often other surfaces pass light on, 0 to 8, for the signal transfer [default: 0].
-    #[arg(long, value_name = "N")]
-    bounces: Option<u32>,
-    /// One more round of so many rays at each vertex (may be repeated).
-    #[arg(long, value_name = "N")]
-    more_rays: Vec<u32>,
-    /// Compute each pose's normals from its triangles, for shapes whose own do not follow.
-    #[arg(long)]
-    recompute_normals: bool,
-    /// Fit vertices by least squares to this many samples each, spread over the surface.
-    #[arg(long, value_name = "SAMPLES")]
-    vertex_fit: Option<u32>,
-    /// With bounces, the reflectance of parts without a material [default: 0.5].
-    #[arg(long, value_name = "ALBEDO")]
-    albedo: Option<f32>,
-    /// Seed of every random choice [default: 1].
-    #[arg(long, value_name = "SEED")]
-    seed: Option<u64>,
-    #[command(flatten)]
-    surroundings: SurroundingsFlags,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum SignalArg {
-    Ao,
-    Visibility,
-    Transfer,
-}
-
-#[derive(Debug, Args)]
 #[command(next_help_heading = "Measure")]
 pub(crate) struct MeasureFlags {
     /// References use this many times the bake's rays, at least 8 [default: 8].
@@ -277,6 +230,10 @@ pub(crate) struct ApplyArgs {
     /// Also write COLOR_0: the values under ambient light.
     #[arg(long)]
     pub(crate) colour: bool,
+    /// Also write _BENT_NORMAL: the mean direction of light that comes in unblocked, weighted by the
+    /// cosine, in the root frame; for transfer of order 2 and more.
+    #[arg(long)]
+    pub(crate) bent_normals: bool,
     /// The GLB to write.
     #[arg(short, long, value_name = "OUT.glb")]
     pub(crate) output: PathBuf,
@@ -345,32 +302,6 @@ impl PoseFlags {
     }
 }
 
-impl BakeFlags {
-    /// Edits the recipe's bake, and the seed of its poses.
-    pub(crate) fn edit(&self, recipe: &mut Recipe) {
-        let bake = &mut recipe.bake;
-        set(&mut bake.signal, self.signal);
-        set(&mut bake.order, self.order);
-        // A recipe that states a noise has its own most.
-        let most = self.noise.filter(|_| bake.noise.is_none()).map(|_| 16_384_u32);
-        set(&mut bake.rays, self.rays.or(most));
-        bake.noise = self.noise.or(bake.noise);
-        set(&mut bake.seed, self.seed);
-        set(&mut bake.bounces, self.bounces);
-        bake.albedo = self.albedo.or(bake.albedo);
-        if !self.more_rays.is_empty() {
-            bake.more_rays.clone_from(&self.more_rays);
-        }
-        bake.recompute_normals |= self.recompute_normals;
-        bake.vertex_fit = self.vertex_fit.or(bake.vertex_fit);
-        set(&mut recipe.poses.seed, self.seed);
-        if self.max_distance.is_some() {
-            bake.max_distance_m = self.max_distance;
-        }
-        self.surroundings.edit(&mut bake.surroundings);
-    }
-}
-
 impl MeasureFlags {
     /// Whether a largest error is stated.
     pub(crate) fn states_target(&self) -> bool {
@@ -395,6 +326,5 @@ impl MeasureFlags {
 }
 
 names! {
-    SignalArg => SignalName { Ao, Visibility, Transfer }
     ParametrisationArg => ParametrisationName { JointAngles, Handles }
 }

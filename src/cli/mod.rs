@@ -5,6 +5,7 @@
 //! 3 done but a stated target was not met, 130 stopped by a second Ctrl-C.
 
 mod args;
+mod bake_args;
 mod check_args;
 mod commands;
 mod files;
@@ -17,6 +18,7 @@ mod serve_args;
 #[cfg(feature = "serve")]
 mod settings_file;
 mod still_args;
+mod subsurface;
 mod surroundings;
 mod units;
 

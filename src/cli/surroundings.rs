@@ -22,6 +22,12 @@ pub(crate) struct SurroundingsFlags {
     /// Two meshes that do not block one another (may be repeated).
     #[arg(long, num_args = 2, value_names = ["MESH", "MESH"])]
     ignore: Vec<String>,
+    /// Let rays through masked and blended materials by their alpha.
+    #[arg(long)]
+    transparency: bool,
+    /// Let rays through the backs of materials that are not double-sided.
+    #[arg(long)]
+    one_sided: bool,
     /// Metres below which nothing blocks [default: 0].
     #[arg(long, value_name = "METRES")]
     min_distance: Option<f32>,
@@ -55,6 +61,8 @@ impl SurroundingsFlags {
             let pairs = self.ignore.chunks_exact(2);
             around.ignore = pairs.map(|pair| [pair[0].clone(), pair[1].clone()]).collect();
         }
+        around.transparency |= self.transparency;
+        around.one_sided |= self.one_sided;
         around.min_distance_m = self.min_distance.or(around.min_distance_m);
         around.falloff = self.falloff.or(around.falloff);
     }

@@ -1,16 +1,17 @@
 //! Raw recipe → checked recipe: only settings that passed here run.
 
+mod bake_fields;
+
 use std::fmt::Display;
 
-use super::recipe::surroundings::GroundRecipe;
+use bake_fields::{checked_bake, checked_noise, checked_subsurface};
+
 use super::recipe::{
-    BakeRecipe, DEFAULT_CLUSTER_RETAINED, DEFAULT_INPUTS, DEFAULT_OUTPUTS, DEFAULT_POSE_CLUSTERS,
+    DEFAULT_CLUSTER_RETAINED, DEFAULT_INPUTS, DEFAULT_OUTPUTS, DEFAULT_POSE_CLUSTERS,
     DEFAULT_RETAINED, DEFAULT_SPHERES, FamilyName, FitRecipe, FrameName, OnName,
-    ParametrisationName, PosesRecipe, PrecisionName, Recipe, RidgeName, SignalName, TargetRecipe,
-    VERSION,
+    ParametrisationName, PosesRecipe, PrecisionName, Recipe, RidgeName, TargetRecipe, VERSION,
 };
 use crate::rig::ParametrisationKind;
-use crate::sh::Order;
 use crate::{bake, fit, model, pose};
 
 /// Why a recipe cannot run: which field, what it says, what it may say.
@@ -33,7 +34,9 @@ pub struct Checked {
     /// For [`bake::Baker`].
     pub bake: bake::Settings,
     /// The standard error that sets the number of rays.
-    pub noise: Option<f32>,
+    pub noise: Option<bake::Noise>,
+    /// What light does below the surface.
+    pub subsurface: Option<bake::Subsurface>,
     /// For [`fit::fit`].
     pub fit: fit::Settings,
     /// How the model is stored.
@@ -69,6 +72,7 @@ impl Checked {
             poses: checked_poses(&recipe.poses)?,
             bake: checked_bake(&recipe.bake)?,
             noise: checked_noise(&recipe.bake)?,
+            subsurface: checked_subsurface(&recipe.bake)?,
             fit: checked_fit(&recipe.fit, recipe.target.on)?,
             precision: precision(recipe.output.precision),
             reference: checked_reference(&recipe.target)?,
@@ -96,91 +100,6 @@ fn checked_poses(poses: &PosesRecipe) -> Result<pose::Settings, RecipeError> {
         seed: poses.seed,
         root_motion: pose::RootMotion::Rigid,
     })
-}
-
-fn checked_bake(recipe: &BakeRecipe) -> Result<bake::Settings, RecipeError> {
-    let order = Order::new(recipe.order)
-        .map_err(|_| error("bake.order", recipe.order, "spherical harmonics have order 1 to 10"))?;
-    let rays = recipe.rays;
-    require((1..=bake::MOST_RAYS).contains(&rays), "bake.rays", rays, "it must be 1 to 1000000")?;
-    if let Some(distance) = recipe.max_distance_m {
-        let sound = distance.is_finite() && distance > 0.0;
-        require(sound, "bake.max_distance_m", distance, "it must be a positive number of metres")?;
-    }
-    checked_surroundings(recipe)?;
-    checked_bounces(recipe)?;
-    checked_fitting(recipe)?;
-    for &more in &recipe.more_rays {
-        let sound = (1..=bake::MOST_RAYS).contains(&more);
-        require(sound, "bake.more_rays", more, "each round must have 1 to 1000000 rays")?;
-    }
-    let rounds = recipe.more_rays.len();
-    require(rounds <= 64, "bake.more_rays", rounds, "there are at most 64 rounds")?;
-    let signal = match recipe.signal {
-        SignalName::Ao => bake::Signal::Ao,
-        SignalName::Visibility => bake::Signal::Visibility,
-        SignalName::Transfer => bake::Signal::Transfer,
-    };
-    Ok(bake::Settings {
-        signal,
-        order,
-        rays,
-        max_distance_m: recipe.max_distance_m,
-        seed: recipe.seed,
-    })
-}
-
-fn checked_noise(recipe: &BakeRecipe) -> Result<Option<f32>, RecipeError> {
-    if let Some(noise) = recipe.noise {
-        let sound = noise.is_finite() && noise > 0.0;
-        require(sound, "bake.noise", noise, "it must be a positive standard error")?;
-        let expected = "with bounces the rays must be stated, not their noise";
-        require(recipe.bounces == 0, "bake.noise", noise, expected)?;
-    }
-    Ok(recipe.noise)
-}
-
-fn checked_fitting(recipe: &BakeRecipe) -> Result<(), RecipeError> {
-    let Some(samples) = recipe.vertex_fit else { return Ok(()) };
-    let (field, sound) = ("bake.vertex_fit", (1..=bake::MOST_SITES).contains(&samples));
-    require(sound, field, samples, "it must be 1 to 1024 samples per vertex")?;
-    let alone = recipe.bounces == 0 && recipe.noise.is_none();
-    require(alone, field, samples, "it takes neither bounces nor a target noise")
-}
-
-fn checked_bounces(recipe: &BakeRecipe) -> Result<(), RecipeError> {
-    let (bounces, field) = (recipe.bounces, "bake.bounces");
-    require(bounces <= bake::MOST_BOUNCES, field, bounces, "it must be 0 to 8")?;
-    let carries = bounces == 0 || recipe.signal == SignalName::Transfer;
-    require(carries, field, bounces, "only the signal transfer has bounces")?;
-    if let Some(albedo) = recipe.albedo {
-        let field = "bake.albedo";
-        require((0.0..=1.0).contains(&albedo), field, albedo, "it must be 0 to 1")?;
-        require(bounces > 0, field, albedo, "it means nothing without bounces")?;
-    }
-    Ok(())
-}
-
-fn checked_surroundings(recipe: &BakeRecipe) -> Result<(), RecipeError> {
-    let around = &recipe.surroundings;
-    if let Some(GroundRecipe::HeightM(height)) = around.ground {
-        let field = "bake.surroundings.ground";
-        require(height.is_finite(), field, height, "it must be `lowest` or a height in metres")?;
-    }
-    if let Some(near) = around.min_distance_m {
-        let far = recipe.max_distance_m.unwrap_or(f32::INFINITY);
-        let expected = "it must be 0 or more, finite, and below the maximum distance";
-        let field = "bake.surroundings.min_distance_m";
-        require(near.is_finite() && near >= 0.0 && near < far, field, near, expected)?;
-    }
-    if let Some(falloff) = around.falloff {
-        let field = "bake.surroundings.falloff";
-        let sound = falloff.is_finite() && falloff > 0.0;
-        require(sound, field, falloff, "it must be a positive exponent, such as 1 or 2")?;
-        let whole = recipe.signal == SignalName::Ao && recipe.max_distance_m.is_some();
-        require(whole, field, falloff, "it needs the signal ao and a maximum distance")?;
-    }
-    Ok(())
 }
 
 fn checked_fit(fit: &FitRecipe, on: OnName) -> Result<fit::Settings, RecipeError> {
@@ -367,6 +286,9 @@ fn require(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pipeline::recipe::subsurface::SubsurfaceRecipe;
+    use crate::pipeline::recipe::surroundings::GroundRecipe;
+    use crate::pipeline::recipe::{NoiseGoalName, SignalName};
 
     fn fault(edit: impl FnOnce(&mut Recipe)) -> &'static str {
         let mut recipe = Recipe::default();
@@ -395,8 +317,30 @@ mod tests {
         assert_eq!(fault(|r| r.bake.albedo = Some(0.5)), "bake.albedo");
         assert_eq!(fault(|r| (r.bake.bounces, r.bake.albedo) = (1, Some(1.5))), "bake.albedo");
         assert_eq!(fault(|r| r.bake.noise = Some(0.0)), "bake.noise");
+        let goal = Some(NoiseGoalName::Mean);
+        assert_eq!(fault(|r| r.bake.noise_goal = goal), "bake.noise_goal");
         assert_eq!(fault(|r| (r.bake.noise, r.bake.bounces) = (Some(0.1), 1)), "bake.noise");
         assert_eq!(fault(|r| r.bake.vertex_fit = Some(0)), "bake.vertex_fit");
+        let below = |found| fault(|r| r.bake.subsurface = Some(found));
+        let length = |metres| SubsurfaceRecipe {
+            mean_free_path_m: Some([metres; 3]),
+            ..SubsurfaceRecipe::default()
+        };
+        assert_eq!(below(SubsurfaceRecipe::default()), "bake.subsurface");
+        let both = SubsurfaceRecipe { material: Some("skin".into()), ..length(0.1) };
+        assert_eq!(below(both), "bake.subsurface");
+        let jade =
+            SubsurfaceRecipe { material: Some("jade".into()), ..SubsurfaceRecipe::default() };
+        assert_eq!(below(jade), "bake.subsurface.material");
+        assert_eq!(below(length(0.0)), "bake.subsurface.mean_free_path_m");
+        let black = SubsurfaceRecipe { absorption_per_m: Some([10.0; 3]), ..length(0.1) };
+        assert_eq!(below(black), "bake.subsurface.absorption_per_m");
+        let air = SubsurfaceRecipe { refractive_index: Some(0.9), ..length(0.1) };
+        assert_eq!(below(air), "bake.subsurface.refractive_index");
+        let ao = |r: &mut Recipe| {
+            (r.bake.signal, r.bake.subsurface) = (SignalName::Ao, Some(length(0.1)));
+        };
+        assert_eq!(fault(ao), "bake.subsurface");
         let bounced = |r: &mut Recipe| (r.bake.vertex_fit, r.bake.bounces) = (Some(4), 1);
         assert_eq!(fault(bounced), "bake.vertex_fit");
         assert_eq!(fault(|r| r.bake.more_rays = vec![0]), "bake.more_rays");

@@ -24,7 +24,7 @@ const MOST_BLOCK_POSES: usize = 64;
 pub(super) fn header(job: &Job) -> Result<Header, Error> {
     let poses = &job.poses;
     let coefficients = job.checked.bake.signal.coefficients(job.checked.bake.order);
-    let channels = job.reflectance.as_ref().map_or(1, |reflectance| reflectance.channels);
+    let channels = job.channels();
     let pose_bytes = poses.points.count() * channels * coefficients * size_of::<f32>();
     let layout = Layout {
         poses: poses.samples.len(),

@@ -6,10 +6,10 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use super::hash::{self, Hashes};
-use super::recipe::{DEFAULT_ALBEDO, Recipe};
+use super::recipe::{BakeRecipe, DEFAULT_ALBEDO, NoiseGoalName, Recipe};
 use super::surroundings::{self, Occluders};
-use super::{Checked, Error, effective};
-use crate::bake::{self, Baker, Reflectance};
+use super::{Checked, Error, RecipeError, effective};
+use crate::bake::{self, Baker, Openings, Reflectance};
 use crate::model::Surface;
 use crate::pose::{self, PoseSet};
 use crate::rig::{self, Deformed, Facets, Pose, RigidFrame};
@@ -41,10 +41,11 @@ impl PointSurface {
 
 /// What of a scene's file a recipe needs.
 pub(super) fn content(recipe: &Recipe) -> Content {
-    match recipe.bake.bounces {
-        0 => Content::Shape,
-        _ => Content::Surface { plain: recipe.bake.albedo.unwrap_or(DEFAULT_ALBEDO) },
+    let BakeRecipe { bounces, surroundings, .. } = &recipe.bake;
+    if *bounces == 0 && !surroundings.transparency && !surroundings.one_sided {
+        return Content::Shape;
     }
+    Content::Surface { plain: recipe.bake.albedo.unwrap_or(DEFAULT_ALBEDO) }
 }
 
 /// Everything that a bake needs, checked and resolved.
@@ -66,6 +67,8 @@ pub struct Job {
     pub surroundings: bake::Surroundings,
     /// What passes light on, where light bounces.
     pub reflectance: Option<Reflectance>,
+    /// What lets rays through, where that is asked for.
+    pub openings: Option<Openings>,
     /// What computes the normals of poses anew, where that is asked for.
     pub facets: Option<Facets>,
 }
@@ -95,12 +98,18 @@ impl Job {
         let occluders = Occluders::take(&mut scene, still, &mut recipe)?;
         checked.poses.root_motion = occluders.root_motion(&scene, &recipe.bake.surroundings);
         let poses = pose::sample(&scene, &checked.poses)?;
+        deep_enough(checked.subsurface, poses.size_m)?;
         let scene_hash = hash::scene(&scene.sources);
         recipe.scene.file = scene.sources.first().map(|s| s.name.clone()).unwrap_or_default();
         recipe.scene.sha256 = Some(scene_hash.clone());
+        if recipe.bake.noise.is_some() {
+            recipe.bake.noise_goal.get_or_insert(NoiseGoalName::Each);
+        }
         let hashes = Hashes::of(&scene_hash, &recipe);
         let surroundings = bake::Surroundings::default();
-        let surface = scene.surface.take().filter(|_| recipe.bake.bounces > 0);
+        let surface = scene.surface.take().map(Arc::new);
+        let openings = surface.clone().and_then(|surface| openings(surface, &recipe));
+        let surface = surface.filter(|_| recipe.bake.bounces > 0);
         let reflectance = surface.map(|surface| reflectance(surface, recipe.bake.bounces));
         let mut job = Self {
             scene,
@@ -111,6 +120,7 @@ impl Job {
             poses,
             surroundings,
             reflectance,
+            openings,
             facets: None,
         };
         if job.recipe.bake.recompute_normals {
@@ -165,17 +175,34 @@ impl Job {
     ///
     /// # Errors
     /// What [`Baker::new`] and [`Baker::within`] object to.
-    pub fn baker(&self, settings: &bake::Settings, noise: Option<f32>) -> Result<Baker, Error> {
+    pub fn baker(
+        &self,
+        settings: &bake::Settings,
+        noise: Option<bake::Noise>,
+    ) -> Result<Baker, Error> {
         let (triangles, points) = self.occluders.with(&self.scene.mesh, &self.poses.points);
         let baker = Baker::new(&triangles, &points, settings)?.within(self.surroundings.clone())?;
-        if let Some(samples) = self.recipe.bake.vertex_fit {
-            return Ok(baker.fitted(&self.rest().positions, samples)?);
+        let baker = match &self.openings {
+            Some(openings) => baker.through(openings.clone()),
+            None => baker,
+        };
+        let baker = match (self.recipe.bake.vertex_fit, &self.reflectance, noise) {
+            (Some(samples), ..) => baker.fitted(&self.rest().positions, samples)?,
+            (_, None, None) => baker,
+            (_, Some(reflectance), _) => baker.reflecting(reflectance.clone())?,
+            (_, None, Some(noise)) => baker.to_noise(noise, settings)?,
+        };
+        match self.checked.subsurface {
+            Some(subsurface) => Ok(baker.diffusing(subsurface)?),
+            None => Ok(baker),
         }
-        match (&self.reflectance, noise) {
-            (None, None) => Ok(baker),
-            (Some(reflectance), _) => Ok(baker.reflecting(reflectance.clone())?),
-            (None, Some(noise)) => Ok(baker.to_noise(noise, settings)?),
-        }
+    }
+
+    /// Colour channels of the bake.
+    #[must_use]
+    pub fn channels(&self) -> usize {
+        let surface = self.reflectance.as_ref().map_or(1, |reflectance| reflectance.channels);
+        self.checked.subsurface.map_or(surface, |below| below.channels(surface))
     }
 
     /// The points of one pose in the character's root frame.
@@ -199,9 +226,27 @@ impl Job {
     }
 }
 
-fn reflectance(surface: scene::Surface, bounces: u32) -> Reflectance {
+/// A mean free path beyond the mesh's size is one in another unit.
+fn deep_enough(subsurface: Option<bake::Subsurface>, size_m: f32) -> Result<(), Error> {
+    match subsurface.map(|below| below.longest_m()) {
+        Some(longest_m) if longest_m > size_m => Err(Error::Recipe(RecipeError {
+            field: "bake.subsurface",
+            found: format!("a mean free path of {longest_m} m in a mesh of {size_m} m"),
+            expected: "it must be no longer than the mesh; is it in metres, and the mesh too?",
+        })),
+        _ => Ok(()),
+    }
+}
+
+fn reflectance(surface: Arc<scene::Surface>, bounces: u32) -> Reflectance {
     let channels = if surface.is_grey() { 1 } else { 3 };
-    Reflectance { bounces, channels, surface: Arc::new(surface) }
+    Reflectance { bounces, channels, surface }
+}
+
+fn openings(surface: Arc<scene::Surface>, recipe: &Recipe) -> Option<Openings> {
+    let around = &recipe.bake.surroundings;
+    let (alpha, one_sided) = (around.transparency, around.one_sided);
+    (alpha || one_sided).then_some(Openings { surface, alpha, one_sided })
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ use serde_json::json;
 use super::*;
 use crate::dataset::Dataset;
 use crate::model::Model;
+use crate::pipeline::recipe::subsurface::SubsurfaceRecipe;
 use crate::pipeline::recipe::{FamilyName, PrecisionName};
 use crate::pipeline::{Watch, bake, bake_reference, examine, fit, measure, run};
 use crate::scene::Source;
@@ -86,6 +87,25 @@ fn colour_bleeds_through_every_stage() {
     // A corner of the floor a metre from the wall.
     let [red, green, blue] = [0, 4, 8].map(|at| values[2 * 12 + at]);
     assert!(red > green + 0.01 && (green - blue).abs() < 1e-6, "{red} {green} {blue}");
+}
+
+/// A mean free path that is longer than the mesh is refused with both lengths; a shorter one bakes three
+/// channels.
+#[test]
+fn a_mean_free_path_fits_into_the_mesh() {
+    let limits = Limits::default();
+    let of = |metres: f32| {
+        let mut recipe = Recipe::default();
+        recipe.bake.subsurface = Some(SubsurfaceRecipe {
+            mean_free_path_m: Some([metres, metres, metres / 2.0]),
+            ..SubsurfaceRecipe::default()
+        });
+        let scene = scene::import_sources(corner([0.5; 3]), &limits).unwrap();
+        Job::new(scene, None, recipe)
+    };
+    assert_eq!(of(0.1).unwrap().channels(), 3);
+    let error = of(20.0).expect_err("must be refused").to_string();
+    assert!(error.contains("20 m in a mesh of"), "{error}");
 }
 
 /// A run in 8 bits measures the model that its file holds: measuring the file again gives the same

@@ -5,6 +5,7 @@
 //! named by [`Hashes`]; what is there under the right hash is not made again.
 
 mod bake;
+mod buried;
 mod candidates;
 mod check;
 mod checked;
@@ -42,6 +43,7 @@ mod tradeoff;
 
 pub use crate::dataset::Dataset;
 pub use bake::{Baked, bake, bake_from};
+pub use buried::buried;
 pub use candidates::{CandidateRecipe, Range, candidates};
 pub use check::{Baseline, BaselineError, Line, junit, page};
 pub use checked::{Checked, RecipeError, ReferenceSettings};

@@ -4,6 +4,7 @@
 //! left out and then takes the default given here, the one place where defaults live.
 
 mod fit;
+pub mod subsurface;
 pub mod surroundings;
 
 pub use fit::{
@@ -14,6 +15,7 @@ pub use fit::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use subsurface::SubsurfaceRecipe;
 use surroundings::SurroundingsRecipe;
 
 /// The version that this crate reads and writes.
@@ -153,6 +155,9 @@ pub struct BakeRecipe {
     /// As many rays at each point and pose as it takes for this standard error of a coefficient.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise: Option<f32>,
+    /// What `noise` is meant for; `each` when absent, and filled in when the recipe is resolved.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise_goal: Option<NoiseGoalName>,
     /// Metres beyond which nothing occludes; unbounded when absent.
     pub max_distance_m: Option<f32>,
     /// Seed of all directions.
@@ -176,6 +181,9 @@ pub struct BakeRecipe {
     /// With bounces, the reflectance of parts without a material, 0 to 1; 0.5 when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub albedo: Option<f32>,
+    /// What light does below the surface, for the signal `transfer`; nothing when absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub subsurface: Option<SubsurfaceRecipe>,
     /// What stands around the character.
     #[serde(skip_serializing_if = "SurroundingsRecipe::is_empty")]
     pub surroundings: SurroundingsRecipe,
@@ -196,6 +204,7 @@ impl Default for BakeRecipe {
             order: 6,
             rays: 500,
             noise: None,
+            noise_goal: None,
             max_distance_m: None,
             seed: 1,
             bounces: 0,
@@ -203,6 +212,7 @@ impl Default for BakeRecipe {
             recompute_normals: false,
             vertex_fit: None,
             albedo: None,
+            subsurface: None,
             surroundings: SurroundingsRecipe::default(),
         }
     }
@@ -218,6 +228,16 @@ pub enum SignalName {
     Visibility,
     /// Spherical harmonics of V (n·ω)₊ / π: a dot product with a light gives shading.
     Transfer,
+}
+
+/// What a target noise is meant for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum NoiseGoalName {
+    /// It is exceeded at no point, as far as can be told beforehand.
+    Each,
+    /// It is the root mean square over the points of each pose, with the least rays in all.
+    Mean,
 }
 
 /// What the model is for, and how its error is proven.

@@ -7,7 +7,7 @@ use super::bake::{bake_poses, rays_of};
 use super::progress::{Progress, Stage, Watch};
 use super::recipe::{BakeRecipe, Recipe};
 use super::{Error, Job, ReferenceSettings, hash, job, recipe_of, subset, surroundings};
-use crate::bake::{self, Baker};
+use crate::bake::{self, Baker, Noise};
 use crate::dataset::{Dataset, Reference, ReferenceHeader, ReferencePose};
 use crate::num::random;
 use crate::rig::Deformed;
@@ -123,7 +123,8 @@ pub(super) fn reference_rays(bake: &BakeRecipe, factor: u32) -> u32 {
 /// Where the bake has a target noise, the reference's is what so many times the rays give.
 fn baker(job: &Job, rays: u32, factor: u32, seed: u64) -> Result<Baker, Error> {
     let settings = bake::Settings { rays, seed, ..job.checked.bake };
-    let noise = job.checked.noise.map(|noise| noise / bake::gain(factor));
+    let to = |noise: Noise| Noise { target: noise.target / bake::gain(factor), ..noise };
+    let noise = job.checked.noise.map(to);
     job.baker(&settings, noise)
 }
 

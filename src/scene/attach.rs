@@ -102,6 +102,10 @@ fn targets(document: &Value, parts: &[Part]) -> Result<Vec<(usize, usize)>, Erro
     let nodes = document["nodes"].as_array().map_or(&[][..], Vec::as_slice);
     for (index, node) in nodes.iter().enumerate().filter(|(index, _)| shown.contains(index)) {
         let Some(mesh) = node["mesh"].as_u64().map(|mesh| mesh as usize) else { continue };
+        if !node["extensions"]["EXT_mesh_gpu_instancing"].is_null() {
+            let fault = "its mesh is shown by many instances, and has room for the values of one";
+            return Err(Error::invalid(format!("nodes[{index}]"), fault));
+        }
         let primitives = document["meshes"][mesh]["primitives"].as_array();
         for (at, primitive) in primitives.into_iter().flatten().enumerate() {
             let positions = primitive["attributes"]["POSITION"].as_u64();

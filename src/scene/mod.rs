@@ -36,7 +36,7 @@ pub use attach::{Attribute, attach};
 pub use environment::{EnvironmentPicture, MOST_TEXELS, environment};
 pub use error::Error;
 pub use limits::Limits;
-pub use surface::{MOST_ALBEDO, Material, Surface, Texture, Wrap};
+pub use surface::{Alpha, MOST_ALBEDO, Material, Surface, Texture, Wrap};
 
 use crate::rig::{Deformed, Mesh, Pose, RigidFrame, Skeleton, deform};
 use budget::{Budget, Notices};

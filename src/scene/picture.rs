@@ -34,5 +34,9 @@ pub(super) fn decode(bytes: &[u8], place: &str, budget: &mut Budget) -> Result<T
 
 fn texture(picture: &DynamicImage, width: u32, height: u32) -> Texture {
     let texels = picture.to_rgb8().pixels().map(|texel| texel.0).collect();
-    Texture { width, height, texels, wrap: [Wrap::Repeat; 2] }
+    let alpha = match picture.color().has_alpha() {
+        true => picture.to_rgba8().pixels().map(|texel| texel.0[3]).collect(),
+        false => Vec::new(),
+    };
+    Texture { width, height, texels, alpha, wrap: [Wrap::Repeat; 2] }
 }

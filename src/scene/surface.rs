@@ -18,6 +18,20 @@ pub struct Surface {
     /// Linear colours of each triangle's corners, which multiply the material's; empty where there
     /// are none.
     pub colour: Vec<[[f32; 3]; 3]>,
+    /// What vertex colours say of alpha at each triangle's corners; empty where they say nothing.
+    pub alpha: Vec<[f32; 3]>,
+}
+
+/// What alpha does to rays.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Alpha {
+    /// Nothing: the material blocks.
+    #[default]
+    Opaque,
+    /// It blocks where alpha is at least this.
+    Mask(f32),
+    /// It blocks the share alpha of all rays.
+    Blend,
 }
 
 /// What a material reflects.
@@ -27,11 +41,18 @@ pub struct Material {
     pub factor: [f32; 3],
     /// Multiplies the factor.
     pub texture: Option<Arc<Texture>>,
+    /// What alpha does.
+    pub alpha: Alpha,
+    /// Multiplies the texture's alpha; 0 to 1.
+    pub opacity: f32,
+    /// Whether it is seen from behind too.
+    pub double_sided: bool,
 }
 
 impl Default for Material {
     fn default() -> Self {
-        Self { factor: [1.0; 3], texture: None }
+        let (alpha, opacity, double_sided) = (Alpha::Opaque, 1.0, false);
+        Self { factor: [1.0; 3], texture: None, alpha, opacity, double_sided }
     }
 }
 
@@ -56,6 +77,8 @@ pub struct Texture {
     pub height: u32,
     /// Row by row from the top, sRGB.
     pub texels: Vec<[u8; 3]>,
+    /// Alpha of each texel; empty where all are opaque.
+    pub alpha: Vec<u8>,
     /// Along u and v.
     pub wrap: [Wrap; 2],
 }
@@ -64,7 +87,7 @@ impl Surface {
     /// A surface of one colour for so many triangles.
     #[must_use]
     pub fn plain(albedo: [f32; 3], triangles: usize) -> Self {
-        let materials = vec![Material { factor: albedo, texture: None }];
+        let materials = vec![Material { factor: albedo, ..Material::default() }];
         Self { materials, material: vec![0; triangles], ..Self::default() }
     }
 
@@ -100,6 +123,33 @@ impl Surface {
         albedo.map(|value| value.clamp(0.0, MOST_ALBEDO))
     }
 
+    /// Which share of the rays that meet a place of a triangle it blocks, from 0 to 1; all of them
+    /// for triangles that the surface does not have.
+    #[must_use]
+    pub fn coverage(&self, triangle: usize, u: f32, v: f32) -> f32 {
+        let Some(&material) = self.material.get(triangle) else { return 1.0 };
+        let material = &self.materials[material as usize];
+        let mix = |a: f32, b: f32, c: f32| a + u * (b - a) + v * (c - a);
+        let mut alpha = material.opacity;
+        if let (Some(texture), Some([a, b, c])) = (&material.texture, self.uv.get(triangle)) {
+            alpha *= texture.alpha_at([0, 1].map(|i| mix(a[i], b[i], c[i])));
+        }
+        if let Some(&[a, b, c]) = self.alpha.get(triangle) {
+            alpha *= mix(a, b, c);
+        }
+        match material.alpha {
+            Alpha::Opaque => 1.0,
+            Alpha::Mask(cutoff) => f32::from(u8::from(alpha >= cutoff)),
+            Alpha::Blend => alpha.clamp(0.0, 1.0),
+        }
+    }
+
+    /// The material of a triangle, if it has one.
+    #[must_use]
+    pub fn of(&self, triangle: usize) -> Option<&Material> {
+        self.material.get(triangle).map(|&material| &self.materials[material as usize])
+    }
+
     /// The surface of these triangles alone.
     #[must_use]
     pub fn select(&self, triangles: impl Iterator<Item = usize> + Clone) -> Self {
@@ -107,7 +157,8 @@ impl Surface {
             materials: self.materials.clone(),
             material: triangles.clone().map(|i| self.material[i]).collect(),
             uv: triangles.clone().filter_map(|i| self.uv.get(i)).copied().collect(),
-            colour: triangles.filter_map(|i| self.colour.get(i)).copied().collect(),
+            colour: triangles.clone().filter_map(|i| self.colour.get(i)).copied().collect(),
+            alpha: triangles.filter_map(|i| self.alpha.get(i)).copied().collect(),
         }
     }
 }
@@ -116,19 +167,40 @@ impl Texture {
     /// The linear colour at texture coordinates, interpolated between the four nearest texels.
     #[must_use]
     pub fn at(&self, uv: [f32; 2]) -> [f32; 3] {
-        if !(uv[0].is_finite() && uv[1].is_finite()) || self.texels.is_empty() {
+        if self.texels.is_empty() {
             return [1.0; 3];
+        }
+        self.mix(uv, |texel| self.texels[texel].map(linear)).unwrap_or([1.0; 3])
+    }
+
+    /// Alpha at texture coordinates, likewise.
+    #[must_use]
+    pub fn alpha_at(&self, uv: [f32; 2]) -> f32 {
+        if self.alpha.is_empty() {
+            return 1.0;
+        }
+        let mixed = self.mix(uv, |texel| [f32::from(self.alpha[texel]) / 255.0]);
+        mixed.map_or(1.0, |[alpha]| alpha)
+    }
+
+    /// Between the four nearest texels; `None` where the coordinates are not finite.
+    fn mix<const N: usize>(
+        &self,
+        uv: [f32; 2],
+        value: impl Fn(usize) -> [f32; N],
+    ) -> Option<[f32; N]> {
+        if !(uv[0].is_finite() && uv[1].is_finite()) {
+            return None;
         }
         let [(x0, x1, tx), (y0, y1, ty)] =
             [(uv[0], self.width, self.wrap[0]), (uv[1], self.height, self.wrap[1])]
                 .map(|(at, count, wrap)| neighbours(at, count, wrap));
-        let texel = |x: u32, y: u32| self.texels[(y as usize) * self.width as usize + x as usize];
+        let texel = |x: u32, y: u32| value((y as usize) * self.width as usize + x as usize);
         let (a, b, c, d) = (texel(x0, y0), texel(x1, y0), texel(x0, y1), texel(x1, y1));
-        [0, 1, 2].map(|i| {
-            let [a, b, c, d] = [a, b, c, d].map(|texel| linear(texel[i]));
-            let (top, bottom) = (a + tx * (b - a), c + tx * (d - c));
+        Some(std::array::from_fn(|i| {
+            let (top, bottom) = (a[i] + tx * (b[i] - a[i]), c[i] + tx * (d[i] - c[i]));
             top + ty * (bottom - top)
-        })
+        }))
     }
 }
 
@@ -172,7 +244,7 @@ mod tests {
 
     fn checker(wrap: Wrap) -> Texture {
         let texels = vec![[0; 3], [255; 3], [255; 3], [0; 3]];
-        Texture { width: 2, height: 2, texels, wrap: [wrap; 2] }
+        Texture { width: 2, height: 2, texels, alpha: vec![], wrap: [wrap; 2] }
     }
 
     /// Texel centres have their own colour, places between them the mean of linear light, and
@@ -210,5 +282,30 @@ mod tests {
         let albedo = surface.albedo(0, 0.0, 1.0);
         assert_eq!(albedo, [0.0, 0.5, MOST_ALBEDO]);
         assert_eq!(surface.select([1].into_iter()).material.len(), 1);
+    }
+
+    /// Opaque materials cover whatever alpha says; masks cut at their threshold, also between
+    /// texels; blends cover the product of factor, texture and vertex colours; a triangle that the
+    /// surface does not have is whole.
+    #[test]
+    fn coverage_follows_the_mode() {
+        let mut surface = Surface::plain([0.5; 3], 2);
+        let texture = Texture { alpha: vec![0, 255, 255, 0], ..checker(Wrap::Repeat) };
+        surface.materials[0].texture = Some(Arc::new(texture));
+        surface.uv = vec![[[0.25, 0.25], [0.75, 0.25], [0.25, 0.75]]; 2];
+        assert_eq!(surface.coverage(0, 0.0, 0.0), 1.0);
+        surface.materials[0].alpha = Alpha::Mask(0.5);
+        let at = |surface: &Surface| [0.0, 0.4, 0.6, 1.0].map(|u| surface.coverage(0, u, 0.0));
+        assert_eq!(at(&surface), [0.0, 0.0, 1.0, 1.0]);
+        surface.materials[0].alpha = Alpha::Blend;
+        surface.materials[0].opacity = 0.5;
+        let found = at(&surface);
+        for (found, expected) in found.into_iter().zip([0.0, 0.2, 0.3, 0.5]) {
+            assert!((found - expected).abs() < 1e-6, "{found} {expected}");
+        }
+        surface.alpha = vec![[1.0, 0.5, 1.0]; 2];
+        assert_eq!(surface.coverage(1, 1.0, 0.0), 0.25);
+        assert_eq!(surface.coverage(2, 1.0, 0.0), 1.0);
+        assert_eq!(surface.select([1].into_iter()).coverage(0, 1.0, 0.0), 0.25);
     }
 }

@@ -49,6 +49,14 @@ pub enum Error {
         /// Where it is.
         position: Vec3,
     },
+    /// A filter names a triangle that does not exist.
+    #[error("the filter names triangle {triangle}, but there are {triangles} triangles")]
+    Filter {
+        /// What it names.
+        triangle: u32,
+        /// How many there are.
+        triangles: usize,
+    },
     /// More than Embree's 32-bit indices can count.
     #[error("{count} {what} are more than Embree can count ({limit})", limit = u32::MAX)]
     TooMany {

@@ -10,7 +10,7 @@ mod embree;
 mod error;
 mod rays;
 
-pub use embree::{Device, Scene};
+pub use embree::{Candidate, Device, Filter, Scene};
 pub use error::{Code, Error};
 pub use rays::{Hit, Rays, Width, words_of};
 

@@ -240,6 +240,60 @@ fn threads_build_side_by_side() {
     });
 }
 
+/// Three squares behind one another, the middle one asked about: it blocks where the answer says so,
+/// by every packet width, and the nearest hit is that of a plain scene without the parts that do not
+/// count, under the triangle's own number. What is asked has the place, normal and direction of the hit.
+#[test]
+fn a_filter_decides_which_hits_count() {
+    let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+    let square = |z: f32| corners.map(|[x, y]| Vec3::new(x, y, z));
+    let (positions, mut triangles) = ([square(2.0), square(1.0)].concat(), Vec::new());
+    for first in [0_u32, 4] {
+        triangles.extend([[0, 1, 2], [0, 2, 3]].map(|t| t.map(|corner: u32| first + corner)));
+    }
+    // The nearer square is cut out where x < 0, and seen from its front (rays towards +z see the
+    // back) never blocks.
+    let (near, origin) = (positions.clone(), Vec3::ZERO);
+    let asked_of = triangles.clone();
+    let counts = move |candidate: &Candidate| {
+        let corners = asked_of[[2, 3][candidate.index]].map(|corner| near[corner as usize]);
+        let (u, v) = (candidate.u, candidate.v);
+        let place = (1.0 - u - v) * corners[0] + u * corners[1] + v * corners[2];
+        let met = candidate.direction * (place.z / candidate.direction.z);
+        (place - met).length() < 1e-5 && candidate.normal.z > 0.0 && place.x >= 0.0
+    };
+    let filter = Filter { triangles: vec![2, 3], counts: std::sync::Arc::new(counts) };
+    let device = Device::new().unwrap();
+    let scene =
+        Scene::build_filtered(&device, &positions, &triangles, Some(filter.clone())).unwrap();
+    let block = Block::new(&random_directions(300, 11));
+    let rays = block.rays(origin);
+    for width in Width::ALL {
+        let blocked = occluded(&scene, &rays, width);
+        let mut hits = vec![None; rays.len()];
+        scene.nearest_by(width, &rays, &mut hits);
+        for (lane, hit) in hits.iter().enumerate() {
+            let direction = Vec3::new(rays.x[lane], rays.y[lane], rays.z[lane]);
+            let at = |z: f32| direction / direction.z * z;
+            let meets = |z: f32| direction.z > 0.0 && at(z).abs().truncate().max_element() < 1.0;
+            let expected = match (meets(1.0) && direction.x >= 0.0, meets(2.0)) {
+                (true, _) => Some(1.0),
+                (false, true) => Some(2.0),
+                _ => None,
+            };
+            assert_eq!(hit.is_some(), expected.is_some(), "{width:?}, {direction}");
+            assert_eq!(blocked[lane], expected.is_some());
+            if let (Some(hit), Some(z)) = (hit, expected) {
+                assert!((hit.distance * direction.z - z).abs() < 1e-5);
+                assert_eq!(hit.triangle / 2, if z < 1.5 { 1 } else { 0 });
+            }
+        }
+    }
+    let wrong = Filter { triangles: vec![4], ..filter };
+    let error = Scene::build_filtered(&device, &positions, &triangles, Some(wrong)).unwrap_err();
+    assert_eq!(error, Error::Filter { triangle: 4, triangles: 4 });
+}
+
 /// The library starts no thread of its own, whatever the order of devices and builds. A thread that
 /// it started would have the name of the one that it was started from.
 #[test]

@@ -25,29 +25,36 @@ fn scene() -> Body {
     body
 }
 
-fn bake(body: &Body, target: f32, most: u32, times_s: &[f32]) -> Vec<BakedPose> {
+fn bake(body: &Body, noise: Noise, most: u32, times_s: &[f32]) -> Vec<BakedPose> {
     let settings = settings(Signal::Ao, most);
-    let baker = body.baker(&settings).to_noise(target, &settings).unwrap();
+    let baker = body.baker(&settings).to_noise(noise, &settings).unwrap();
     let poses: Vec<PosedMesh<'_>> = times_s.iter().map(|&t| body.posed(t)).collect();
     baker.bake(&poses, &AtomicBool::new(false)).unwrap()
 }
 
+const GOALS: [NoiseGoal; 2] = [NoiseGoal::Each, NoiseGoal::Mean];
+
+fn each(target: f32) -> Noise {
+    Noise { target, goal: NoiseGoal::Each }
+}
+
 /// The mean of a point before an endless wall over 1,000 seeds (poses at other times) lies
 /// within its confidence interval about the analytic value: |z| < 4.4, significance 1e-5. So the
-/// choice of the number of rays puts no bias into the estimate, at coarse and at fine targets.
+/// choice of the number of rays puts no bias into the estimate, at coarse and at fine targets, also
+/// before a wall so low that most pilots miss it.
 #[test]
 fn a_thousand_seeds_have_no_bias() {
-    let mut body = Body { sensors: 3, ..Body::nothing() };
-    let place = Vec3::X * -0.5;
-    body.positions.extend([place, place + Vec3::Z * 1e-3, place + Vec3::X * 1e-3]);
-    body.normals.extend([Vec3::Y; 3]);
-    body.triangles.push([0, 1, 2]);
-    let (low, high) = (Vec3::Z * -4e4, Vec3::Z * 4e4);
-    body.quad([low, high, high + Vec3::Y * 0.5, low + Vec3::Y * 0.5]);
-    let truth = 1.0 - (1.0 - 0.5_f64.sqrt()) / 2.0;
-    let times: Vec<f32> = (0..1000).map(|i| i as f32).collect();
-    for target in [0.03, 0.01] {
-        let baked = bake(&body, target, 4096, &times);
+    for (height, target) in [(0.5, 0.03), (0.5, 0.01), (0.1, 0.01)] {
+        let mut body = Body { sensors: 3, ..Body::nothing() };
+        let place = Vec3::X * -0.5;
+        body.positions.extend([place, place + Vec3::Z * 1e-3, place + Vec3::X * 1e-3]);
+        body.normals.extend([Vec3::Y; 3]);
+        body.triangles.push([0, 1, 2]);
+        let (low, high) = (Vec3::Z * -4e4, Vec3::Z * 4e4);
+        body.quad([low, high, high + Vec3::Y * height, low + Vec3::Y * height]);
+        let truth = 1.0 - (1.0 - 0.5 / 0.5_f64.hypot(f64::from(height))) / 2.0;
+        let times: Vec<f32> = (0..1000).map(|i| i as f32).collect();
+        let baked = bake(&body, each(target), 4096, &times);
         let values: Vec<f64> = baked.iter().map(|b| f64::from(b.coefficients[0])).collect();
         let mean = values.iter().sum::<f64>() / 1000.0;
         let deviation = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / 999.0).sqrt();
@@ -59,29 +66,56 @@ fn a_thousand_seeds_have_no_bias() {
     }
 }
 
-/// Open points get the fewest rays, points at the wall more; the root mean square of the scatter
-/// over all points is under the target, and what is claimed agrees with it.
+/// With the goal `Mean` all points share the price of a ray: over 300 seeds the mean of each of the
+/// scene's points still lies about a bake of 16,384 rays, |z| < 5.5 (significance 4e-6 over a
+/// hundred points).
+#[test]
+fn a_common_price_has_no_bias() {
+    let body = scene();
+    let truth = &body.bake(&settings(Signal::Ao, 16_384), &[0.5])[0];
+    let times: Vec<f32> = (0..300).map(|i| i as f32).collect();
+    let baked = bake(&body, Noise { target: 0.02, goal: NoiseGoal::Mean }, 4096, &times);
+    for point in 0..body.positions.len() {
+        let values: Vec<f64> = baked.iter().map(|b| f64::from(b.coefficients[point])).collect();
+        let mean = values.iter().sum::<f64>() / 300.0;
+        let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / 299.0;
+        let error = (variance / 300.0 + f64::from(truth.noise[point]).powi(2)).sqrt();
+        let off = mean - f64::from(truth.coefficients[point]);
+        assert!(off.abs() < 5.5 * error + 1e-6, "{point}: {off} of {error}");
+    }
+}
+
+/// Open points get few rays, points at the wall more; the root mean square of the scatter over all
+/// points is under the target with either goal, near it with the goal `Mean`, which also
+/// takes fewer rays; and what is claimed agrees with it.
 #[test]
 fn the_target_is_met_where_it_is_hard() {
     let body = scene();
     let times: Vec<f32> = (0..24).map(|i| i as f32).collect();
     for target in [0.02, 0.005] {
-        let baked = bake(&body, target, 4096, &times);
-        let points = body.positions.len();
-        let (mut scatter, mut claimed) = (0.0, 0.0);
-        for point in 0..points {
-            let values: Vec<f64> = baked.iter().map(|b| f64::from(b.coefficients[point])).collect();
-            let mean = values.iter().sum::<f64>() / 24.0;
-            scatter += values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / 23.0;
-            claimed += baked.iter().map(|b| f64::from(b.noise[point]).powi(2)).sum::<f64>() / 24.0;
-        }
-        let rms = (scatter / points as f64).sqrt();
-        assert!(rms < f64::from(target), "target {target}: {rms}");
-        assert!((0.8..1.3).contains(&(claimed / scatter).sqrt()), "{}", (claimed / scatter).sqrt());
-        let sphere = *baked[0].rays.last().unwrap();
-        assert_eq!(sphere, 48 + 32, "an open point");
-        let hard = baked[0].rays.iter().any(|&rays| rays > 2 * sphere);
-        assert!(hard || target > 0.01, "target {target}");
+        let spent = GOALS.map(|goal| {
+            let baked = bake(&body, Noise { target, goal }, 4096, &times);
+            let points = body.positions.len();
+            let (mut scatter, mut claimed) = (0.0, 0.0);
+            for point in 0..points {
+                let value = |b: &BakedPose| f64::from(b.coefficients[point]);
+                let mean = baked.iter().map(value).sum::<f64>() / 24.0;
+                scatter += baked.iter().map(|b| (value(b) - mean).powi(2)).sum::<f64>() / 23.0;
+                let square = |b: &BakedPose| f64::from(b.noise[point]).powi(2);
+                claimed += baked.iter().map(square).sum::<f64>() / 24.0;
+            }
+            let rms = (scatter / points as f64).sqrt();
+            let least = if goal == NoiseGoal::Mean { 0.7 } else { 0.0 };
+            let found = rms / f64::from(target);
+            assert!((least..1.08).contains(&found), "target {target}, {goal:?}: {rms}");
+            let claim = (claimed / scatter).sqrt();
+            assert!((0.8..1.3).contains(&claim), "{claim}");
+            let sphere = *baked[0].rays.last().unwrap();
+            let most = *baked[0].rays.iter().max().unwrap();
+            assert!(most > 2 * sphere, "target {target}, {goal:?}: {sphere} and {most}");
+            baked.iter().flat_map(|b| &b.rays).map(|&rays| u64::from(rays)).sum::<u64>()
+        });
+        assert!(spent[1] < spent[0], "{spent:?}");
     }
 }
 
@@ -89,15 +123,19 @@ fn the_target_is_met_where_it_is_hard() {
 #[test]
 fn bits_caps_and_refusals() {
     let body = scene();
-    let one = bake(&body, 0.01, 512, &[0.0, 1.0]);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
-    assert_eq!(pool.install(|| bake(&body, 0.01, 512, &[0.0, 1.0])), one);
-    assert_eq!(bake(&body, 0.01, 512, &[1.0])[0], one[1]);
-    let capped = bake(&body, 1e-6, 4096, &[0.0]);
-    assert_eq!(capped[0].rays.iter().max(), Some(&(4096 + 48)));
-    for target in [0.0, -1.0, f32::NAN, f32::INFINITY] {
-        let settings = settings(Signal::Ao, 64);
-        let error = body.baker(&settings).to_noise(target, &settings).expect_err("refused");
-        assert!(matches!(error, Error::Noise { .. }));
+    for goal in GOALS {
+        let noise = Noise { target: 0.01, goal };
+        let one = bake(&body, noise, 512, &[0.0, 1.0]);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
+        assert_eq!(pool.install(|| bake(&body, noise, 512, &[0.0, 1.0])), one);
+        assert_eq!(bake(&body, noise, 512, &[1.0])[0], one[1]);
+        let capped = bake(&body, Noise { target: 1e-6, goal }, 4096, &[0.0]);
+        assert_eq!(capped[0].rays.iter().max(), Some(&(4096 + 16)));
+        for target in [0.0, -1.0, f32::NAN, f32::INFINITY] {
+            let settings = settings(Signal::Ao, 64);
+            let noise = Noise { target, goal };
+            let error = body.baker(&settings).to_noise(noise, &settings).expect_err("refused");
+            assert!(matches!(error, Error::Noise { .. }));
+        }
     }
 }

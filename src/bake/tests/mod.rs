@@ -6,7 +6,10 @@ mod bounces;
 mod fitted;
 mod hostile;
 mod identity;
+mod openings;
+mod quality;
 mod statistics;
+mod subsurface;
 mod surrounded;
 
 use std::sync::atomic::AtomicBool;

@@ -1,6 +1,7 @@
 //! `poselight apply`: a model's values at one pose, written into the scene's own file.
 
 use anyhow::{Context, ensure};
+use glam::Vec3;
 use serde_json::json;
 
 use crate::cli::Answer;
@@ -43,7 +44,10 @@ pub(in crate::cli) fn apply(args: &ApplyArgs) -> anyhow::Result<Answer> {
     let query = Query::from_pose(&model, &scene, &posed)?;
     let mut values = Vec::new();
     query.values(&model, None, None, &mut values)?;
-    let attributes = attributes(&model, &values, args.colour);
+    let mut attributes = attributes(&model, &values, args.colour);
+    if args.bent_normals {
+        attributes.push(bent_normals(&model, &values)?);
+    }
     let main = scene.sources.first().context("the scene has no file")?;
     let glb = scene::attach(&main.bytes, &scene.mesh.parts, &attributes)?;
     files::publish(&args.output, &glb)?;
@@ -54,6 +58,26 @@ pub(in crate::cli) fn apply(args: &ApplyArgs) -> anyhow::Result<Answer> {
         names.join(", ")
     );
     Ok(Answer::new(text, json!({ "output": args.output, "attributes": names })))
+}
+
+/// `_BENT_NORMAL`: ∫ V (n·ω)₊ ω dω made unit. Band 1 of transfer holds it but for a factor: the
+/// coefficients of y, z and x. The first channel counts; a point without light has no direction, 0.
+fn bent_normals(model: &Model, values: &[f32]) -> anyhow::Result<Attribute> {
+    let header = model.header();
+    ensure!(
+        header.signal == Signal::Transfer && header.coefficients() >= 4,
+        "bent normals are part of transfer of order 2 and more; this model is of {} with {} coefficients",
+        header.signal.name(),
+        header.coefficients()
+    );
+    let of = |row: &[f32]| bent(row).to_array();
+    let values = values.chunks_exact(header.width()).flat_map(of).collect();
+    Ok(Attribute { name: "_BENT_NORMAL".into(), width: 3, values })
+}
+
+/// The direction in a row of coefficients.
+fn bent(row: &[f32]) -> Vec3 {
+    Vec3::new(row[3], row[1], row[2]).normalize_or_zero()
 }
 
 /// `_AO`, or `_TRANSFER_0`, `_TRANSFER_1`, …: four numbers each of channel after channel, filled up
@@ -88,4 +112,22 @@ fn attributes(model: &Model, values: &[f32], colour: bool) -> Vec<Attribute> {
         attributes.push(Attribute { name: "COLOR_0".into(), width: 3, values });
     }
     attributes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sh::{Order, zonal};
+
+    /// The unshadowed transfer of a normal bends to that normal: y₁ = (y, z, x) is taken apart in the
+    /// right order.
+    #[test]
+    fn nothing_blocked_bends_nothing() {
+        let order = Order::new(2).unwrap();
+        let normal = Vec3::new(0.6, -0.48, 0.64);
+        let mut row = [0.0; 4];
+        zonal::rotate(order, &zonal::unshadowed(order), normal, &mut row);
+        assert!((bent(&row) - normal).length() < 1e-5, "{}", bent(&row));
+        assert_eq!(bent(&[0.0; 4]), Vec3::ZERO);
+    }
 }

@@ -9,16 +9,25 @@ use crate::pipeline::{self, Baked, Job, Plan, Watch};
 pub(in crate::cli) fn bake(args: &BakeArgs, watch: &Watch) -> anyhow::Result<Answer> {
     let mut recipe = super::start(&args.recipe)?;
     args.poses.edit(&mut recipe);
-    args.bake.edit(&mut recipe);
-    let job = Job::open(&args.scene, recipe)?;
+    args.bake.edit(&mut recipe)?;
+    let mut job = Job::open(&args.scene, recipe)?;
     if args.dry_run {
+        tell_buried(&mut job)?;
         return Ok(planned(&job, &pipeline::plan(&job)?, false));
     }
     let from = args.from.as_deref();
+    tell_buried(&mut job)?;
     let baked = pipeline::bake_from(&job, &args.output, from, watch)?;
     let text = format!("{}\n{}", args.output.display(), summary(&job, &baked));
     let json = json!({ "dataset": args.output, "bake": figures(&job, &baked), "notices": pipeline::notices(&job) });
     Ok(Answer::new(text, json))
+}
+
+/// Adds what lies inside other geometry to the notices.
+pub(super) fn tell_buried(job: &mut Job) -> anyhow::Result<()> {
+    let buried = pipeline::buried(job)?;
+    job.scene.notices.extend(buried);
+    Ok(())
 }
 
 /// What a bake did, for people.

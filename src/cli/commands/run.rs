@@ -9,7 +9,7 @@ use crate::pipeline::{self, Job, Watch};
 pub(in crate::cli) fn run(args: &RunArgs, watch: &Watch) -> anyhow::Result<Answer> {
     let mut recipe = super::start(&args.recipe)?;
     args.poses.edit(&mut recipe);
-    args.bake.edit(&mut recipe);
+    args.bake.edit(&mut recipe)?;
     args.fit.edit(&mut recipe);
     args.measure.edit(&mut recipe);
     let job = Job::open(&args.scene, recipe)?;

@@ -25,6 +25,13 @@ pub struct SurroundingsRecipe {
     /// Pairs of meshes that do not block one another.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ignore: Vec<[String; 2]>,
+    /// Materials that are masked or blended let rays through by their alpha; else they block as a
+    /// whole. What only blocks is solid either way.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub transparency: bool,
+    /// Materials that are not double-sided block from their front alone; else both sides block.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub one_sided: bool,
     /// Metres below which nothing blocks; 0 when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub min_distance_m: Option<f32>,

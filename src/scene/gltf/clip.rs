@@ -16,7 +16,7 @@ use crate::scene::{Channel, Clip, Interpolation, Target};
 
 const TIMES: Format = Format { kind: Type::Scalar, components: &[(ComponentType::F32, None)] };
 const VECTORS: Format = Format { kind: Type::Vec3, components: &[(ComponentType::F32, None)] };
-const QUATERNIONS: Format = Format { kind: Type::Vec4, components: SHARES };
+pub(super) const QUATERNIONS: Format = Format { kind: Type::Vec4, components: SHARES };
 const WEIGHTS: Format = Format { kind: Type::Scalar, components: SHARES };
 const SHARES: &[(ComponentType, Option<bool>)] = &[
     (ComponentType::F32, None),

@@ -2,6 +2,7 @@
 
 use gltf::json::{Root, buffer, mesh};
 
+use super::instance::INSTANCING;
 use crate::scene::budget::Notices;
 use crate::scene::error::Error;
 
@@ -26,15 +27,14 @@ const QUANTIZATION: &str = "KHR_mesh_quantization";
 const DRACO: &str = "KHR_draco_mesh_compression";
 const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 
-/// Instances, which would add triangles, and pointers, which would add channels.
-const IGNORED_IF_OPTIONAL: &[&str] =
-    &["EXT_mesh_gpu_instancing", "KHR_animation_pointer", "KHR_node_visibility", "MSFT_lod"];
+/// Pointers, which would add channels, and what chooses between nodes.
+const IGNORED_IF_OPTIONAL: &[&str] = &["KHR_animation_pointer", "KHR_node_visibility", "MSFT_lod"];
 
 /// Refuses what the file requires and we do not have; says what it could use and we leave out.
 pub(super) fn check(root: &Root, notices: &mut Notices) -> Result<(), Error> {
     for (index, name) in root.extensions_required.iter().enumerate() {
         let harmless = HARMLESS.iter().any(|prefix| name.starts_with(prefix));
-        if name != QUANTIZATION && !harmless {
+        if name != QUANTIZATION && name != INSTANCING && !harmless {
             let place = format!("extensionsRequired[{index}]");
             return Err(unsupported(name, place));
         }

@@ -86,11 +86,15 @@ pub(super) fn read(file: &mut File, graph: &Graph) -> Result<Built, Error> {
         };
         let name = shorten(source.name.as_deref().unwrap_or(node_name)).to_owned();
         let slots = slots[index].clone();
-        let mut carrier = Carrier { node: own, name, skin, rigid: None, slots };
-        for (at, primitive) in source.primitives.iter().enumerate() {
-            let place = format!("meshes[{mesh_index}].primitives[{at}]");
-            file.budget.take(Quantity::Parts, 1, &place)?;
-            add_primitive(file, &mut mesh, &mut deformers, &mut carrier, (at, primitive, &place))?;
+        for &node in &graph.carriers[index] {
+            let (name, slots) = (name.clone(), slots.clone());
+            let mut carrier = Carrier { node, name, skin, rigid: None, slots };
+            for (at, primitive) in source.primitives.iter().enumerate() {
+                let place = format!("meshes[{mesh_index}].primitives[{at}]");
+                file.budget.take(Quantity::Parts, 1, &place)?;
+                let which = (at, primitive, place.as_str());
+                add_primitive(file, &mut mesh, &mut deformers, &mut carrier, which)?;
+            }
         }
     }
     mesh.deformers = deformers.all;

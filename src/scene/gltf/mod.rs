@@ -8,6 +8,7 @@ mod buffer;
 mod clip;
 mod container;
 mod extension;
+mod instance;
 mod mesh;
 mod morph;
 mod node;
@@ -80,7 +81,10 @@ pub(super) fn build(
     }
     let surface = match content.plain() {
         Some(plain) => Some(surface::read(&mut file, &graph, &built.mesh, sources, plain)?),
-        None => None,
+        None => {
+            surface::tell_alpha(&mut file);
+            None
+        }
     };
     for fault in file.unread_accessor_faults() {
         notices.add(format!("not needed, but broken: {fault}"));

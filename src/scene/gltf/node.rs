@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet};
 use glam::{DMat3, DQuat, DVec3, Quat, Vec3};
 use gltf::json::{Root, scene as json};
 
-use super::File;
+use super::{File, instance};
 use crate::rig::{Node, Skeleton, Transform};
 use crate::scene::budget::Quantity;
 use crate::scene::error::Error;
@@ -16,6 +16,8 @@ pub(super) struct Graph {
     pub(super) skeleton: Skeleton,
     /// The file's node → index in the skeleton.
     pub(super) of_file: Vec<Option<usize>>,
+    /// The file's node → the nodes of the skeleton that show its mesh: itself, or its instances.
+    pub(super) carriers: Vec<Vec<usize>>,
     /// Whether the file's node is shown by the chosen scene, not only a joint from elsewhere.
     pub(super) shown: Vec<bool>,
     /// The chosen scene, for messages.
@@ -49,7 +51,23 @@ pub(super) fn read(file: &mut File) -> Result<Graph, Error> {
         let rest = transform(file, node, index)?;
         nodes.push(Node { name, parent, rest });
     }
-    Ok(Graph { skeleton: Skeleton { nodes }, of_file, shown, scene })
+    let mut carriers: Vec<Vec<usize>> =
+        of_file.iter().map(|own| own.iter().copied().collect()).collect();
+    for (index, carriers) in carriers.iter_mut().enumerate() {
+        let (true, Some(own), Some(_)) = (shown[index], of_file[index], root.nodes[index].mesh)
+        else {
+            continue;
+        };
+        let Some(instances) = instance::read(file, index)? else { continue };
+        carriers.clear();
+        for rest in instances {
+            let name = Some(nodes[own].name.clone());
+            let name = names.choose(name.as_deref(), String::new);
+            carriers.push(nodes.len());
+            nodes.push(Node { name, parent: Some(own), rest });
+        }
+    }
+    Ok(Graph { skeleton: Skeleton { nodes }, of_file, carriers, shown, scene })
 }
 
 /// The parent of every node; a node has one at most.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use gltf::json::accessor::{ComponentType, Type};
 use gltf::json::image::Image;
-use gltf::json::material::Material as Json;
+use gltf::json::material::{AlphaMode, Material as Json};
 use gltf::json::mesh::Semantic;
 use gltf::json::texture::{Info, WrappingMode};
 use gltf::json::validation::Checked;
@@ -18,7 +18,7 @@ use crate::rig::{Mesh, Part};
 use crate::scene::budget::Quantity;
 use crate::scene::error::Error;
 use crate::scene::source::relative_name;
-use crate::scene::surface::{Material, Surface, Texture, Wrap};
+use crate::scene::surface::{Alpha, Material, Surface, Texture, Wrap};
 use crate::scene::{picture, uri};
 
 const FRACTIONS: &[(ComponentType, Option<bool>)] = &[
@@ -78,14 +78,14 @@ pub(super) fn read(
         mappings.push(mapping);
     }
     let textured = mappings.iter().any(Option::is_some);
-    let mut coloured = false;
+    let (mut coloured, mut translucent) = (false, false);
     let mut parts = mesh.parts.iter().peekable();
     for (index, node) in root.nodes.iter().enumerate() {
-        let (Some(source), true, Some(own)) = (node.mesh, graph.shown[index], graph.of_file[index])
-        else {
-            continue;
-        };
-        for (at, primitive) in root.meshes[source.value()].primitives.iter().enumerate() {
+        let (Some(source), true) = (node.mesh, graph.shown[index]) else { continue };
+        let primitives = root.meshes[source.value()].primitives.iter().enumerate();
+        let shown = graph.carriers[index].iter();
+        let shown = shown.flat_map(|&own| primitives.clone().map(move |(at, one)| (own, at, one)));
+        for (own, at, primitive) in shown {
             let Some(part) = parts.next_if(|part| part.node == own && part.primitive == at) else {
                 continue;
             };
@@ -102,12 +102,19 @@ pub(super) fn read(
             }
             let colours = colours(file, primitive, part)?;
             coloured |= colours.is_some();
-            let colours = colours.unwrap_or_else(|| vec![[1.0; 3]; part.vertices.len()]);
-            surface.colour.extend(corners(mesh, part, &colours));
+            let colours = colours.unwrap_or_else(|| vec![[1.0; 4]; part.vertices.len()]);
+            let rgb: Vec<[f32; 3]> = colours.iter().map(|&[r, g, b, _]| [r, g, b]).collect();
+            let alpha: Vec<f32> = colours.iter().map(|colour| colour[3]).collect();
+            translucent |= alpha.iter().any(|&alpha| alpha < 1.0);
+            surface.colour.extend(corners(mesh, part, &rgb));
+            surface.alpha.extend(corners(mesh, part, &alpha));
         }
     }
     if !coloured {
         surface.colour = Vec::new();
+    }
+    if !translucent {
+        surface.alpha = Vec::new();
     }
     Ok(surface)
 }
@@ -154,7 +161,7 @@ fn colours(
     file: &mut File,
     primitive: &gltf::json::mesh::Primitive,
     part: &Part,
-) -> Result<Option<Vec<[f32; 3]>>, Error> {
+) -> Result<Option<Vec<[f32; 4]>>, Error> {
     let Some(accessor) = primitive.attributes.get(&Checked::Valid(Semantic::Colors(0))) else {
         return Ok(None);
     };
@@ -163,12 +170,32 @@ fn colours(
     let four = matches!(kind, Some(Checked::Valid(Type::Vec4)));
     let elements = file.accessor(accessor.value(), &purpose, if four { RGBA } else { RGB })?;
     check_count(&elements, part.vertices.len())?;
-    let colours: Vec<[f32; 3]> = if four {
-        file.finite_floats::<4>(&elements)?.into_iter().map(|[r, g, b, _]| [r, g, b]).collect()
+    let colours: Vec<[f32; 4]> = if four {
+        file.finite_floats::<4>(&elements)?
     } else {
-        file.finite_floats::<3>(&elements)?
+        file.finite_floats::<3>(&elements)?.into_iter().map(|[r, g, b]| [r, g, b, 1.0]).collect()
     };
     Ok(Some(colours.into_iter().map(|colour| colour.map(|c| c.clamp(0.0, 1.0))).collect()))
+}
+
+/// Says which materials would let light through, where nobody asked.
+pub(super) fn tell_alpha(file: &mut File) {
+    for (index, material) in file.root.materials.iter().enumerate() {
+        let mode = match material.alpha_mode {
+            Checked::Valid(AlphaMode::Mask) => "masked",
+            Checked::Valid(AlphaMode::Blend) => "blended",
+            _ => continue,
+        };
+        let primitives = file.root.meshes.iter().flat_map(|mesh| &mesh.primitives);
+        let own = |primitive: &gltf::json::mesh::Primitive| {
+            primitive.material.is_some_and(|material| material.value() == index)
+        };
+        if primitives.into_iter().any(own) {
+            file.notices.add(format!(
+                "materials[{index}] is {mode}: its triangles block as a whole unless transparency is asked for"
+            ));
+        }
+    }
 }
 
 fn read_material(
@@ -179,17 +206,23 @@ fn read_material(
 ) -> Result<(Material, Option<Mapping>), Error> {
     let pbr = &json.pbr_metallic_roughness;
     let place = format!("materials[{index}]");
-    let [r, g, b, _] = pbr.base_color_factor.0;
-    if [r, g, b].iter().any(|value| !(0.0..=1.0).contains(value)) {
+    let [r, g, b, opacity] = pbr.base_color_factor.0;
+    if [r, g, b, opacity].iter().any(|value| !(0.0..=1.0).contains(value)) {
         file.notices.add(format!("{place}: a base colour outside 0 to 1 was clamped"));
     }
     // JSON has no NaN.
     let factor = [r, g, b].map(|value| value.clamp(0.0, 1.0));
-    let Some(info) = &pbr.base_color_texture else {
-        return Ok((Material { factor, texture: None }, None));
+    let opacity = opacity.clamp(0.0, 1.0);
+    let alpha = match json.alpha_mode {
+        Checked::Valid(AlphaMode::Mask) => Alpha::Mask(json.alpha_cutoff.map_or(0.5, |c| c.0)),
+        Checked::Valid(AlphaMode::Blend) => Alpha::Blend,
+        _ => Alpha::Opaque,
     };
+    let double_sided = json.double_sided;
+    let plain = Material { factor, texture: None, alpha, opacity, double_sided };
+    let Some(info) = &pbr.base_color_texture else { return Ok((plain, None)) };
     let texture = Some(Arc::new(read_texture(file, info, &place, sources)?));
-    Ok((Material { factor, texture }, Some(mapping(info))))
+    Ok((Material { texture, ..plain }, Some(mapping(info))))
 }
 
 fn mapping(info: &Info) -> Mapping {

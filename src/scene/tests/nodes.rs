@@ -154,3 +154,58 @@ fn names_are_bounded() {
     maker.root(json!({"name": "é".repeat(5000)}));
     assert_eq!(maker.scene().skeleton.nodes[1].name, "é".repeat(100));
 }
+
+/// A triangle whose node has these instances.
+fn instanced(attributes: &Value) -> Maker {
+    let mut maker = Maker::triangle();
+    maker.document["extensionsUsed"] = json!(["EXT_mesh_gpu_instancing"]);
+    maker.document["extensionsRequired"] = json!(["EXT_mesh_gpu_instancing"]);
+    maker.document["nodes"][0]["extensions"] =
+        json!({"EXT_mesh_gpu_instancing": {"attributes": attributes}});
+    maker
+}
+
+/// Instances are nodes below their own, each with the mesh at its translation, rotation and scale; they
+/// move with their node, and what the triangles reflect is that of each.
+#[test]
+fn instances_stand_where_they_are_put() {
+    let mut maker = Maker::triangle();
+    let places = maker.accessor("VEC3", &[0.0_f32, 0.0, 0.0, 5.0, 0.0, 0.0]);
+    let half = std::f32::consts::FRAC_1_SQRT_2;
+    let turns = maker.accessor("VEC4", &[0.0_f32, 0.0, 0.0, 1.0, 0.0, half, 0.0, half]);
+    let scales = maker.accessor("VEC3", &[1.0_f32, 1.0, 1.0, 2.0, 2.0, 2.0]);
+    let attributes = json!({"TRANSLATION": places, "ROTATION": turns, "SCALE": scales});
+    maker.document["nodes"][0]["extensions"] =
+        json!({"EXT_mesh_gpu_instancing": {"attributes": attributes}});
+    let scene = maker.scene();
+    assert_eq!((scene.mesh.parts.len(), scene.mesh.triangles.len()), (2, 2));
+    let rest = Pose::rest(&scene.skeleton, &[]);
+    let globals = scene.skeleton.globals(&rest.local);
+    let [first, second] = [0, 1].map(|part| globals[scene.mesh.parts[part].node]);
+    let corner = Vec3::new(1.0, 0.5, 0.0);
+    assert!((first.transform_point3(corner) - corner).length() < 1e-6);
+    let expected = Vec3::new(5.0, 1.0, -2.0);
+    assert!((second.transform_point3(corner) - expected).length() < 1e-5);
+    let content = Content::Surface { plain: 0.25 };
+    let lit = import_sources_content(maker.sources(), &Limits::default(), content).unwrap();
+    assert_eq!(lit.surface.unwrap().material.len(), 2);
+}
+
+/// Millions of instances, accessors of different lengths, quaternions of no length and attributes
+/// that name nothing are refused with the node.
+#[test]
+fn strange_instances_are_refused() {
+    let mut many = instanced(&json!({"TRANSLATION": 1}));
+    many.push("accessors", json!({"componentType": 5126, "count": 5_000_000, "type": "VEC3"}));
+    let refusal = many.refusal();
+    assert!(refusal.contains("the limit `nodes` is 65536"), "{refusal}");
+    let refused = |translations: &[f32], rotations: &[f32]| {
+        let mut maker = instanced(&json!({"TRANSLATION": 1, "ROTATION": 2}));
+        maker.accessor("VEC3", translations);
+        maker.accessor("VEC4", rotations);
+        maker.refusal()
+    };
+    assert!(refused(&[0.0; 6], &[0.0, 0.0, 0.0, 1.0]).contains("but 2 of another"));
+    assert!(refused(&[0.0; 3], &[0.0; 4]).contains("a quaternion is zero"));
+    assert!(instanced(&json!({"SCALE": "all"})).refusal().contains("names no accessor"));
+}

@@ -4,16 +4,18 @@
 //! Three things follow. Values that C chooses are integers here, never Rust enums (`ffi`). The
 //! hit structures have room behind them, for newer libraries append a field (`nearest`). And no
 //! argument structure is passed to queries: a null pointer means the library's own defaults, which
-//! are what we want (incoherent rays, no callbacks).
+//! are what we want (incoherent rays). The one callback (`filter`) is that of a geometry.
 #![allow(unsafe_code, reason = "the folder that calls C; each block states why it is sound")]
 
 mod device;
 mod ffi;
+mod filter;
 mod nearest;
 mod occlusion;
 mod scene;
 
 pub use device::Device;
+pub use filter::{Candidate, Filter};
 pub use scene::Scene;
 
 /// Fixed by `RTC_ALIGN` in the headers: a packet of n rays and its mask start at a multiple of

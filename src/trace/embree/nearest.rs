@@ -41,7 +41,7 @@ pub(super) fn by_1(scene: &Scene, rays: &Rays<'_>, hits: &mut [Option<Hit>]) {
         let (ray, hit) = (query.0.packet.ray, query.0.packet.hit);
         *out = (hit.geomID != sys::RTC_INVALID_GEOMETRY_ID).then(|| Hit {
             distance: ray.tfar,
-            triangle: hit.primID,
+            triangle: scene.number(hit.geomID, hit.primID),
             u: hit.u,
             v: hit.v,
             normal: Vec3::new(hit.Ng_x, hit.Ng_y, hit.Ng_z),
@@ -87,7 +87,7 @@ macro_rules! by_packets {
                 for (lane, out) in out.iter_mut().enumerate() {
                     *out = (hit.geomID[lane] != sys::RTC_INVALID_GEOMETRY_ID).then(|| Hit {
                         distance: ray.tfar[lane],
-                        triangle: hit.primID[lane],
+                        triangle: scene.number(hit.geomID[lane], hit.primID[lane]),
                         u: hit.u[lane],
                         v: hit.v[lane],
                         normal: Vec3::new(hit.Ng_x[lane], hit.Ng_y[lane], hit.Ng_z[lane]),

@@ -8,6 +8,7 @@ use glam::Vec3;
 
 use super::device::{Device, Handle};
 use super::ffi;
+use super::filter::{self, Filter};
 use super::{nearest, occlusion};
 use crate::trace::POSITION_LIMIT_M;
 use crate::trace::error::{Code, Error};
@@ -19,7 +20,12 @@ pub struct Scene {
     raw: sys::RTCScene,
     width: Width,
     triangles: usize,
-    /// Released after the scene: fields drop after `Drop::drop`.
+    /// Of each geometry, the scene's number of every triangle; empty where there is no filter.
+    numbers: Vec<Vec<u32>>,
+    /// What Embree's callback points to: dropped after the scene is released, for fields drop after
+    /// `Drop::drop`.
+    _filter: Option<Arc<Filter>>,
+    /// As above.
     _device: Arc<Handle>,
 }
 
@@ -49,7 +55,25 @@ impl Scene {
         positions: &[Vec3],
         triangles: &[[u32; 3]],
     ) -> Result<Self, Error> {
+        Self::build_filtered(device, positions, triangles, None)
+    }
+
+    /// As [`Self::build`], with triangles whose hits are asked about.
+    ///
+    /// # Errors
+    /// As [`Self::build`]; a filter that names a triangle that does not exist.
+    pub fn build_filtered(
+        device: &Device,
+        positions: &[Vec3],
+        triangles: &[[u32; 3]],
+        filter: Option<Filter>,
+    ) -> Result<Self, Error> {
         check(positions, triangles)?;
+        let filter = filter.filter(|filter| !filter.triangles.is_empty()).map(Arc::new);
+        let numbers = match &filter {
+            Some(filter) => parts(filter, triangles.len())?,
+            None => Vec::new(),
+        };
         let _ = ffi::take_error();
         let failed = |raw_error: Option<(Code, String)>| {
             let (code, message) = raw_error.unwrap_or((Code(0), String::new()));
@@ -65,12 +89,22 @@ impl Scene {
             raw,
             width: device.width(),
             triangles: triangles.len(),
+            numbers,
+            _filter: filter,
             _device: Arc::clone(device.handle()),
         };
         // SAFETY: the scene is live and not committed.
         unsafe { sys::rtcSetSceneBuildQuality(raw, sys::RTCBuildQuality::MEDIUM) };
-        if !triangles.is_empty() {
-            attach(device, raw, positions, triangles).map_err(failed)?;
+        match (&scene._filter, scene.numbers.as_slice()) {
+            (Some(filter), [solid, asked]) => {
+                let of = |part: &[u32]| -> Vec<[u32; 3]> {
+                    part.iter().map(|&number| triangles[number as usize]).collect()
+                };
+                attach(device, raw, positions, (&of(solid), None)).map_err(failed)?;
+                let asked = of(asked);
+                attach(device, raw, positions, (&asked, Some(filter))).map_err(failed)?;
+            }
+            _ => attach(device, raw, positions, (triangles, None)).map_err(failed)?,
         }
         commit(device, raw);
         match ffi::take_error() {
@@ -133,6 +167,14 @@ impl Scene {
         }
     }
 
+    /// The scene's number of a geometry's triangle.
+    pub(super) fn number(&self, geometry: u32, triangle: u32) -> u32 {
+        match self.numbers.get(geometry as usize) {
+            Some(numbers) => numbers[triangle as usize],
+            None => triangle,
+        }
+    }
+
     pub(super) fn raw(&self) -> sys::RTCScene {
         self.raw
     }
@@ -158,6 +200,16 @@ fn check(positions: &[Vec3], triangles: &[[u32; 3]]) -> Result<(), Error> {
     Ok(())
 }
 
+/// The triangles that are not asked about, and those that are.
+fn parts(filter: &Filter, triangles: usize) -> Result<Vec<Vec<u32>>, Error> {
+    if let Some(&triangle) = filter.triangles.iter().find(|&&t| t as usize >= triangles) {
+        return Err(Error::Filter { triangle, triangles });
+    }
+    let asked = |triangle: &u32| filter.triangles.binary_search(triangle).is_ok();
+    let solid = (0..triangles as u32).filter(|triangle| !asked(triangle)).collect();
+    Ok(vec![solid, filter.triangles.clone()])
+}
+
 /// Builds in this thread.
 ///
 /// Joining is what a thread does that lends itself to a build. A plain commit leaves TBB waiting
@@ -173,14 +225,18 @@ fn commit(device: &Device, scene: sys::RTCScene) {
     }
 }
 
-/// Copies the mesh into buffers that Embree allocates (and pads) itself, and hands the geometry
-/// over to the scene. The error is what Embree said, if anything.
+/// Copies triangles into buffers that Embree allocates (and pads) itself, and hands the geometry
+/// over to the scene: under number 0, or 1 with a filter, which must outlive the scene. The error is
+/// what Embree said, if anything.
 fn attach(
     device: &Device,
     scene: sys::RTCScene,
     positions: &[Vec3],
-    triangles: &[[u32; 3]],
+    (triangles, filter): (&[[u32; 3]], Option<&Arc<Filter>>),
 ) -> Result<(), Option<(Code, String)>> {
+    if triangles.is_empty() {
+        return Ok(());
+    }
     // SAFETY: the device is live.
     let raw = unsafe { sys::rtcNewGeometry(device.handle().raw(), sys::RTCGeometryType::TRIANGLE) };
     if raw.is_null() {
@@ -188,12 +244,22 @@ fn attach(
     }
     let geometry = Geometry(raw);
     let (vertex, index) = (sys::RTCBufferType::VERTEX, sys::RTCBufferType::INDEX);
+    if let Some(filter) = filter {
+        let pointer = Arc::as_ptr(filter).cast_mut().cast();
+        // SAFETY: the geometry is live; Embree only hands the pointer back to the callback.
+        unsafe { sys::rtcSetGeometryUserData(geometry.0, pointer) };
+        // SAFETY: the geometry is live; the callback reads the filter behind the user pointer, which
+        // the scene keeps until Embree has released it.
+        unsafe { sys::rtcSetGeometryOccludedFilterFunction(geometry.0, Some(filter::ask)) };
+        // SAFETY: as above.
+        unsafe { sys::rtcSetGeometryIntersectFilterFunction(geometry.0, Some(filter::ask)) };
+    }
     fill(&geometry, vertex, sys::RTCFormat::FLOAT3, bytemuck::cast_slice(positions))?;
     fill(&geometry, index, sys::RTCFormat::UINT3, bytemuck::cast_slice(triangles))?;
     // SAFETY: the geometry is live and both of its buffers are set.
     unsafe { sys::rtcCommitGeometry(geometry.0) };
     // SAFETY: both are live and belong to the same device; the scene takes its own reference.
-    unsafe { sys::rtcAttachGeometry(scene, geometry.0) };
+    unsafe { sys::rtcAttachGeometryByID(scene, geometry.0, u32::from(filter.is_some())) };
     Ok(())
 }
 

@@ -1,0 +1,111 @@
+//! What a bake will take: memory by counting, time by a short trial.
+
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use super::adaptive::Adaptive;
+use super::kernel::{Scratch, bake_point};
+use super::seen::Sink;
+use super::{BakedPose, Baker, Error, PosedMesh};
+
+/// Bytes that the tracer needs per triangle and per vertex, measured with margin.
+const SCENE_BYTES_PER_TRIANGLE: u64 = 400;
+
+/// What a short trial says of a machine and a pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Calibration {
+    /// All threads together.
+    pub rays_per_s: f64,
+    /// The mean over the points of the trial.
+    pub rays_per_point: f64,
+    /// One thread, one pose: check, scale and build, and what follows the rays, seconds.
+    pub prepare_s: f64,
+}
+
+impl Baker {
+    /// The most memory that [`Self::bake`] adds for so many poses in one call on so many threads,
+    /// result and tables included, in bytes; an upper estimate.
+    #[must_use]
+    pub fn memory_bytes(&self, poses: usize, threads: usize) -> u64 {
+        let points = self.stage.fit.as_ref().map_or(self.points(), |fit| fit.sites.len()) as u64;
+        let vertices = self.stage.points.of_vertex.len() as u64;
+        let coefficients = self.plan.coefficients as u64;
+        let triangles = self.stage.trees.count() as u64;
+        let in_flight = poses.min(self.poses_per_wave(threads)) as u64;
+        let per_pose = triangles * SCENE_BYTES_PER_TRIANGLE + 24 * vertices + 44 * points;
+        let reflectance = self.reflectance.as_ref();
+        let channels = self.channels() as u64;
+        let bounces = reflectance.map_or(0, |r| r.memory_bytes(&self.plan, points));
+        let result = poses as u64 * points * 4 * (coefficients * channels + 2) + bounces;
+        let scratch = threads as u64
+            * 4
+            * (4 * self.plan.directions.directions() as u64
+                + self.plan.blocks as u64 * coefficients);
+        let ladder = self.adaptive.as_ref().map_or(0, Adaptive::memory_bytes);
+        // A tree has a node for about every other point, its sums in double precision.
+        let tree = self.subsurface.map_or(0, |_| points * (4 * coefficients * channels + 120));
+        self.plan.memory_bytes() + ladder + tree + in_flight * per_pose + result + scratch
+    }
+
+    /// Bakes as many points of a pose as fit in `budget_s` seconds or so, evenly spread, and says
+    /// how fast that went.
+    ///
+    /// # Errors
+    /// As [`Self::bake`].
+    pub fn calibrate(&self, pose: &PosedMesh<'_>, budget_s: f64) -> Result<Calibration, Error> {
+        let start = Instant::now();
+        let mut posed = self.prepare(std::slice::from_ref(pose), 0, &AtomicBool::new(false))?;
+        let prepare_s = start.elapsed().as_secs_f64();
+        let Some(posed) = posed.pop().filter(|_| self.points() > 0) else {
+            let rays_per_point = self.plan.rays() as f64;
+            return Ok(Calibration { rays_per_s: f64::INFINITY, rays_per_point, prepare_s });
+        };
+        let threads = rayon::current_num_threads();
+        let diffuse_s = self.diffuse_s(pose)?;
+        let prepare_s = prepare_s + diffuse_s * threads as f64;
+        let start = Instant::now();
+        let baked: usize = rayon::broadcast(|context| {
+            let mut scratch = Scratch::new(&self.plan);
+            let mut out = vec![0.0; self.plan.coefficients];
+            let rays = self.plan.directions.directions();
+            let sink = |_: &_| Sink::new(&self.stage, pose.normals, usize::MAX, rays);
+            let mut sink = self.reflectance.as_ref().map(sink);
+            let mut baked = 0;
+            // At least one, however late the thread wakes up.
+            while baked == 0 || start.elapsed().as_secs_f64() < budget_s {
+                // An odd multiplier of the golden ratio visits the mesh evenly.
+                let step = (baked * threads + context.index()) as u64 * 0x9e37_79b9;
+                let point = ((step & 0xffff_ffff) * self.points() as u64) >> 32;
+                let seen = sink.as_mut();
+                bake_point(&self.plan, &posed, point as usize, &mut scratch, seen, &mut out);
+                sink.as_mut().map(Sink::take);
+                baked += 1;
+            }
+            baked
+        })
+        .into_iter()
+        .sum();
+        let rays_per_s = (baked * self.plan.rays()) as f64 / start.elapsed().as_secs_f64();
+        let rays_per_point = match &self.adaptive {
+            Some(adaptive) => adaptive.rays_per_point(&posed)?,
+            None => {
+                let sites = self.stage.fit.as_ref().map_or(self.points(), |fit| fit.sites.len());
+                self.plan.rays() as f64 * sites as f64 / self.points() as f64
+            }
+        };
+        Ok(Calibration { rays_per_s, rays_per_point, prepare_s })
+    }
+
+    /// How long all threads take to diffuse a pose, seconds.
+    fn diffuse_s(&self, pose: &PosedMesh<'_>) -> Result<f64, Error> {
+        let start = Instant::now();
+        let (points, count) = (self.points(), self.plan.coefficients);
+        let channels = self.reflectance.as_ref().map_or(1, |reflectance| reflectance.channels);
+        if self.subsurface.is_some() {
+            let coefficients = vec![0.0; points * channels * count];
+            let empty = BakedPose { coefficients, noise: vec![0.0; points], rays: vec![0; points] };
+            self.diffused(empty, pose, &AtomicBool::new(false))?;
+        }
+        Ok(start.elapsed().as_secs_f64())
+    }
+}
