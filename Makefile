@@ -45,6 +45,7 @@ bench: setup
 	$(CARGO) bench --locked --bench light
 	$(CARGO) bench --locked --bench serve
 	$(CARGO) run --release --locked -- sample figure -o $(DEMO)/figure.glb
+	$(CARGO) bench --locked --bench choice -- $(DEMO)/figure.glb
 	$(CARGO) bench --locked --bench assets -- $(CHARACTERS) $(ASSET_FLAGS)
 	@for mesh in $(MESHES); do python3 benches/peers/occlusion.py $$mesh $(BIN); done
 

@@ -12,8 +12,10 @@ use std::time::Instant;
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
-use glam::Quat;
-use poselight::model::{Decoder, Frame};
+use glam::{Quat, Vec3};
+use poselight::model::{
+    Decoder, Family, Frame, Header, Model, Occluders, PosedInput, Signal, Surface, TrainingSummary,
+};
 use poselight::num::cpu::Isa;
 use poselight::num::kernels::{Layout, exercise, exercise_operations};
 use synthetic::{BONES, INPUTS, OUTPUTS, PARAMETERS, WIDTH, model, numbers};
@@ -154,9 +156,112 @@ fn print(points: usize, names: &[(String, u64)], times: &[Times]) {
     }
 }
 
+/// Bones of a figure of capsules: from, to, radius, metres.
+const CAPSULES: [([f32; 3], [f32; 3], f32); 14] = [
+    ([0.0, 0.95, 0.0], [0.0, 1.15, 0.0], 0.13),
+    ([0.0, 1.2, 0.0], [0.0, 1.4, 0.0], 0.15),
+    ([0.0, 1.6, 0.0], [0.0, 1.7, 0.0], 0.1),
+    ([0.0, 1.45, 0.0], [0.0, 1.55, 0.0], 0.06),
+    ([0.2, 1.42, 0.0], [0.45, 1.3, 0.05], 0.05),
+    ([0.45, 1.3, 0.05], [0.5, 1.1, 0.25], 0.04),
+    ([0.5, 1.1, 0.25], [0.48, 1.08, 0.38], 0.035),
+    ([-0.2, 1.42, 0.0], [-0.45, 1.3, 0.05], 0.05),
+    ([-0.45, 1.3, 0.05], [-0.5, 1.1, 0.25], 0.04),
+    ([-0.5, 1.1, 0.25], [-0.48, 1.08, 0.38], 0.035),
+    ([0.1, 0.9, 0.0], [0.14, 0.5, 0.05], 0.08),
+    ([0.14, 0.5, 0.05], [0.14, 0.1, 0.0], 0.06),
+    ([-0.1, 0.9, 0.0], [-0.14, 0.5, 0.05], 0.08),
+    ([-0.14, 0.5, 0.05], [-0.14, 0.1, 0.0], 0.06),
+];
+
+/// Points around the capsules, in the order of a mesh: rings from end to end, bone by bone.
+fn figure(points: usize) -> (Vec<Vec3>, Vec<Vec3>, Vec<u16>) {
+    let (mut positions, mut normals, mut bones) = (Vec::new(), Vec::new(), Vec::new());
+    for i in 0..points {
+        let bone = i * CAPSULES.len() / points;
+        let first = (bone * points).div_ceil(CAPSULES.len());
+        let own = ((bone + 1) * points).div_ceil(CAPSULES.len()) - first;
+        let (from, to, radius) = CAPSULES[bone];
+        let (from, to) = (Vec3::from(from), Vec3::from(to));
+        let axis = (to - from).normalize();
+        let side = axis.any_orthonormal_vector();
+        let ring = 32.0;
+        let along = (i - first) as f32 / own as f32;
+        let turn = std::f32::consts::TAU * (i - first) as f32 / ring;
+        let normal = side * turn.cos() + axis.cross(side) * turn.sin();
+        positions.push(from + (to - from) * along + radius * normal);
+        normals.push(normal);
+        bones.push(bone as u16);
+    }
+    (positions, normals, bones)
+}
+
+/// A model of the mean and `spheres` on the figure's bones, in as many groups as characters have.
+fn occluded(points: usize, spheres: usize, signal: Signal) -> Model {
+    const GROUPS: usize = 9;
+    let (.., bones) = figure(points);
+    let whole = model(points, Frame::Bone).header().clone();
+    let order = if signal == Signal::Ao { 1 } else { 6 };
+    let training = TrainingSummary { deviations: Vec::new(), ..whole.training.clone() };
+    let header =
+        Header { signal, order, family: Family::Mean, unshadowed: true, training, ..whole };
+    let mean = numbers(8, points * header.width());
+    let occluders = Occluders {
+        anchors: (0..spheres)
+            .flat_map(|q| {
+                let first = (q * points / spheres).min(points - 64);
+                (0..8).map(move |i| (first + 8 * i) as u32)
+            })
+            .collect(),
+        offsets: vec![0.0; 3 * spheres],
+        radii: (0..spheres).map(|q| 1.2 * CAPSULES[q * CAPSULES.len() / spheres].2).collect(),
+        group_of: (0..BONES * spheres).map(|i| (i % GROUPS) as u8).collect(),
+        weights: numbers(9, points * GROUPS),
+    };
+    let maps = ((0..points as u32).collect(), bones);
+    let model = Model::new(header, Decoder::Mean { mean }, maps.0, maps.1).expect("a valid model");
+    model.with_occluders(occluders).expect("valid occluders")
+}
+
+/// A frame of models with occluders, from the posed mesh to the root frame.
+fn report_occluders(points: usize) {
+    let (positions, normals, _) = figure(points);
+    let parameters = numbers(5, PARAMETERS);
+    let turns = vec![Quat::IDENTITY; BONES];
+    let sizes = [(Signal::Ao, 40), (Signal::Ao, 100), (Signal::Ao, 200), (Signal::Transfer, 100)];
+    let models = sizes.map(|(signal, spheres)| (occluded(points, spheres, signal), spheres));
+    let mut contestants: Vec<Contestant<'_>> = models
+        .iter()
+        .map(|(model, spheres)| {
+            let name = format!("{} of {spheres} spheres", model.header().signal.name());
+            let mut out = vec![0.0; points * model.header().width()];
+            let surface = Surface { positions: &positions, normals: &normals };
+            let input = PosedInput {
+                parameters: &parameters,
+                bone_rotations: &turns,
+                surface: Some(surface),
+            };
+            contestant(&name, (points * spheres) as u64, move || {
+                model.evaluate_posed(black_box(&input), &mut out).expect("evaluates");
+            })
+        })
+        .collect();
+    let names: Vec<(String, u64)> =
+        contestants.iter().map(|c| (c.name.clone(), c.operations)).collect();
+    let times = race(&mut contestants);
+    println!("\n{points} points, occluder, one core, {ROUNDS} rounds");
+    println!("| what | best µs | median µs | ns per point and sphere |");
+    println!("|---|---|---|---|");
+    for ((name, pairs), times) in names.iter().zip(&times) {
+        let (best, median) = (times.best() * 1e6, times.median() * 1e6);
+        println!("| {name} | {best:.0} | {median:.0} | {:.2} |", 1e3 * best / *pairs as f64);
+    }
+}
+
 fn main() {
     let given: Vec<usize> = std::env::args().filter_map(|a| a.parse().ok()).collect();
     for points in if given.is_empty() { vec![11_534, 14_517] } else { given } {
         report(points);
+        report_occluders(points);
     }
 }

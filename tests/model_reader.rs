@@ -90,6 +90,7 @@ fn model(family: Family) -> Model {
             centre: numbers(1, PARAMETERS),
             deviations: vec![1.0; retained],
             residual_rms: 0.0,
+            reach: (!matches!(family, Family::Linear | Family::ClusteredTanh)).then_some(0.5),
             directions: Vec::new(),
         },
         errors: [].into(),

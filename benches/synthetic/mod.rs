@@ -69,6 +69,7 @@ pub(crate) fn model(points: usize, frame: Frame) -> Model {
             centre: vec![0.0; PARAMETERS],
             deviations: vec![1.0; INPUTS],
             residual_rms: 0.0,
+            reach: None,
             directions: Vec::new(),
         },
         errors: [].into(),

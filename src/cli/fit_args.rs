@@ -49,6 +49,10 @@ pub(crate) struct FitFlags {
     /// Spheres on the bones of occluder [default: 100].
     #[arg(long, value_name = "N")]
     spheres: Option<u32>,
+    /// Draw poses that are farther than this from the training poses, in typical distances of
+    /// those, towards their mean [default: take them as they are].
+    #[arg(long, value_name = "DISTANCE")]
+    reach: Option<f32>,
     /// Neurons of each cluster of clustered-tanh [default: by cross-validation].
     #[arg(long, value_name = "N")]
     neurons: Option<u32>,
@@ -183,6 +187,7 @@ impl FitFlags {
             ("--point-threshold", self.point_threshold.is_some()),
             ("--published", self.published),
             ("--blend-exponent", self.blend_exponent.is_some()),
+            ("--reach", self.reach.is_some()),
             ("--unshadowed", self.unshadowed.is_some()),
             ("--spheres", self.spheres.is_some()),
             ("--neurons", self.neurons.is_some()),
@@ -212,6 +217,7 @@ impl FitFlags {
         fit.neurons = self.neurons.or(fit.neurons);
         fit.published |= self.published;
         set(&mut fit.blend_exponent, self.blend_exponent);
+        fit.reach = self.reach.or(fit.reach);
         fit.unshadowed = self.unshadowed.or(fit.unshadowed);
         fit.spheres = self.spheres.or(fit.spheres);
         set(&mut fit.frame, self.frame);

@@ -239,6 +239,7 @@ impl Dataset {
             return Err(Error::MissingBlock { path, block, poses: layout.poses_of(block) });
         }
         let of_pose = |pose: &usize, width: usize| pose * width..(pose + 1) * width;
+        let variances = self.noise_variances(&poses)?;
         let parts = TrainingParts {
             points: layout.points,
             channels: layout.channels,
@@ -255,23 +256,23 @@ impl Dataset {
                 .copied()
                 .collect(),
             point_bones: self.mesh.bone_of_point.clone(),
-            noise_variance: self.noise_variance(&poses)?,
+            noise_variance: variances.iter().sum::<f64>() / layout.points.max(1) as f64,
+            noise_of_points: variances.iter().map(|&variance| variance as f32).collect(),
             values: Vec::new(),
         };
         Ok(Training::stored(self, poses, parts))
     }
 
-    /// Mean of noise² over the listed poses and all points, one pose in memory at a time.
-    fn noise_variance(&self, poses: &[usize]) -> Result<f64, Error> {
+    /// Mean of noise² of each point over the listed poses, one pose in memory at a time.
+    fn noise_variances(&self, poses: &[usize]) -> Result<Vec<f64>, Error> {
         let points = self.header.layout.points;
         let mut noise = vec![0.0; points];
-        let mut sum = 0.0;
+        let mut sums = vec![0.0_f64; points];
         for &pose in poses {
             self.read_noise(&[pose], 0..points, &mut noise)?;
-            let of_pose: f64 = noise.iter().map(|&noise| f64::from(noise).powi(2)).sum();
-            sum += of_pose / points as f64;
+            sums.iter_mut().zip(&noise).for_each(|(sum, &x)| *sum += f64::from(x).powi(2));
         }
-        Ok(sum / poses.len() as f64)
+        Ok(sums.into_iter().map(|sum| sum / poses.len() as f64).collect())
     }
 }
 

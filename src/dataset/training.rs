@@ -7,6 +7,9 @@ use glam::Quat;
 
 use super::{Dataset, Error};
 
+/// Points that are read at once where only some are wanted.
+const BLOCK: usize = 1024;
+
 /// The training poses of a data set, read by ranges of points.
 ///
 /// *Invariant:* no method gives a value of a pose outside split `training`; pose indices are
@@ -49,6 +52,8 @@ pub struct TrainingParts {
     pub point_bones: Vec<u16>,
     /// Mean variance of one coefficient's sampling noise.
     pub noise_variance: f64,
+    /// The same of each point, or empty where points are not told apart.
+    pub noise_of_points: Vec<f32>,
     /// `[pose, point, channel, coefficient]`, root frame.
     pub values: Vec<f32>,
 }
@@ -120,6 +125,47 @@ impl<'a> Training<'a> {
     pub fn stopped_by(mut self, stop: &'a AtomicBool) -> Self {
         self.stop = Some(stop);
         self
+    }
+
+    /// Everything at some of the points, ascending, in memory.
+    ///
+    /// # Errors
+    /// As [`Training::read_points`].
+    ///
+    /// # Panics
+    /// If a point does not exist.
+    pub fn parts_at(&self, points: &[u32]) -> Result<TrainingParts, Error> {
+        let row = self.parts.channels * self.parts.coefficients;
+        let mut values = vec![0.0; self.poses() * points.len() * row];
+        let mut buffer = Vec::new();
+        for first in (0..self.points()).step_by(BLOCK) {
+            let range = first..self.points().min(first + BLOCK);
+            let some = points.partition_point(|&p| (p as usize) < range.start)
+                ..points.partition_point(|&p| (p as usize) < range.end);
+            if some.is_empty() {
+                continue;
+            }
+            buffer.resize(self.poses() * range.len() * row, 0.0);
+            self.read_points(range.clone(), &mut buffer)?;
+            for pose in 0..self.poses() {
+                for i in some.clone() {
+                    let from = (pose * range.len() + points[i] as usize - first) * row;
+                    let to = (pose * points.len() + i) * row;
+                    values[to..to + row].copy_from_slice(&buffer[from..from + row]);
+                }
+            }
+        }
+        let bones = &self.parts.point_bones;
+        Ok(TrainingParts {
+            points: points.len(),
+            point_bones: points.iter().map(|&point| bones[point as usize]).collect(),
+            noise_of_points: points
+                .iter()
+                .filter_map(|&point| self.parts.noise_of_points.get(point as usize).copied())
+                .collect(),
+            values,
+            ..self.parts.clone()
+        })
     }
 
     /// With the skin weights of every point: pairs of a node and its share.
@@ -204,6 +250,12 @@ impl<'a> Training<'a> {
     #[must_use]
     pub fn noise_variance(&self) -> f64 {
         self.parts.noise_variance
+    }
+
+    /// The same of each point; empty where points are not told apart.
+    #[must_use]
+    pub fn noise_of_points(&self) -> &[f32] {
+        &self.parts.noise_of_points
     }
 
     /// Reads the coefficients of a range of points at every training pose into

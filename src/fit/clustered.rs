@@ -10,8 +10,10 @@ use super::neurons::{self, Data};
 use super::output_parts::{Part, parts};
 use super::report::Clock;
 use super::ridge::{Regression, summary};
+use super::shared::Outputs;
 use super::source::Source;
-use super::{Error, FitReport, Fitted, On, Settings};
+use super::still::set_aside;
+use super::{Error, FitReport, Fitted, On, Settings, Shared};
 use crate::dataset::Training;
 use crate::model::{Cluster, Clustered, Decoder, Form};
 use crate::num::linalg::{Mat, MatRef, product, rows_of, rows_of_mut};
@@ -51,11 +53,10 @@ struct Mapped {
 }
 
 pub(super) fn fit(
-    source: &Source<'_>,
-    training: &Training<'_>,
-    design: &Design,
+    (source, training, design): (&Source<'_>, &Training<'_>, &Design),
     sizes: ClusteredSizes,
     settings: &Settings,
+    shared: &Shared,
     clock: &mut Clock,
 ) -> Result<Fitted, Error> {
     let inputs = inputs(design, sizes.inputs)?;
@@ -65,26 +66,45 @@ pub(super) fn fit(
         let available = source.points();
         return Err(Error::Clusters { what: "clusters of points", asked, available });
     }
-    let labels = mean_shift::clusters(&skin(training), sizes.clusters);
+    let labels =
+        shared.labels(sizes.clusters, || mean_shift::clusters(&skin(training), sizes.clusters))?;
     clock.lap("point_clusters_s");
-    let parts = parts(source, &labels, sizes.outputs, settings.seed)?;
+    let most = shared.largest().map_or(sizes.outputs, |largest| largest.cluster_outputs);
+    let all = shared.parts((Outputs::of(settings), sizes.clusters), || {
+        parts(source, &labels, most, settings.seed)
+    })?;
+    let parts: Vec<Part> = match most == sizes.outputs {
+        true => Vec::new(),
+        false => all.par_iter().map(|part| part.only(sizes.outputs)).collect(),
+    };
+    let parts = if most == sizes.outputs { &all[..] } else { &parts[..] };
     clock.lap("output_pca_s");
-    // U s V's leading part: the reduced pose of every pose, in the units of the parameters.
-    let poses = design.poses();
-    let reduced = Mat::from_fn(poses, inputs, |i, k| design.u[(i, k)] * design.s[k]);
+    // U s V's leading part: the reduced pose of every pose, in the units of the parameters, as the
+    // model sees it, which subtracts the centre in f32.
+    let (poses, moved) = (design.poses(), design.rounding(inputs));
+    let reduced = Mat::from_fn(poses, inputs, |i, k| design.u[(i, k)] * design.s[k] - moved[k]);
     let maps: Vec<Mapped> = parts
         .par_iter()
         .map(|part| map(part, reduced.as_ref(), training.clips(), &sizes, settings))
         .collect::<Result<_, Error>>()?;
     clock.lap("maps_s");
-    let report = report(source, design, &parts, &maps, inputs);
+    let mut report = report(source, design, (parts, sizes.outputs), &maps, inputs);
     let directions = design.directions(inputs);
-    let decoder = Decoder::Clustered(Clustered {
+    let mut model = Clustered {
         form: sizes.form,
         projection: directions.row_iter().flat_map(|r| r.iter().map(|&x| x as f32)).collect(),
         cluster_of_point: labels.iter().map(|&label| label as u32).collect(),
         clusters: maps.into_iter().map(|map| map.cluster).collect(),
-    });
+    };
+    let (still, saved) = set_aside(&mut model, parts, source);
+    if still > 0 {
+        report.notices.push(format!(
+            "{still} of {} points never vary beyond the noise of the bake and keep only their \
+             mean: {saved} numbers less",
+            source.points()
+        ));
+    }
+    let decoder = Decoder::Clustered(model);
     Ok(Fitted { decoder, training: summary(design, inputs, false), report, occluders: None })
 }
 
@@ -210,8 +230,9 @@ fn layer(
     let counts = asked.as_ref().map_or(&NEURONS[..], |count| &count[..]);
     let regularised = settings.on == On::Novel;
     let fold = neurons::folds(clips);
-    let (count, alpha) = neurons::choose(data, &fold, counts, regularised, settings.seed);
-    let layer = neurons::fit_fully(data, count, alpha, settings.seed);
+    let budget = neurons::Budget { steps: settings.steps, seed: settings.seed };
+    let (count, alpha) = neurons::choose(data, &fold, counts, regularised, budget);
+    let layer = neurons::fit_fully(data, count, alpha, budget);
     for row in layer.hidden.chunks_exact(inputs + 1) {
         cluster.hidden.extend(row[..inputs].iter().map(|d| (d / x_scale) as f32));
         cluster.hidden.push(row[inputs] as f32);
@@ -223,7 +244,7 @@ fn layer(
 fn report(
     source: &Source<'_>,
     design: &Design,
-    parts: &[Part],
+    (parts, asked): (&[Part], Kept),
     maps: &[Mapped],
     inputs: usize,
 ) -> FitReport {
@@ -236,6 +257,12 @@ fn report(
         maps.iter().map(|m| (m.cluster.hidden.len() / (inputs + 1)).to_string()).collect();
     let mut notices =
         vec![format!("{} clusters of points with {} outputs each", maps.len(), outputs.join(", "))];
+    let hidden: usize = parts.iter().map(|part| part.hidden(asked)).sum();
+    if hidden > 0 {
+        notices.push(format!(
+            "{hidden} more outputs would only have held noise of the bake and were left out"
+        ));
+    }
     if maps.iter().any(|map| !map.cluster.hidden.is_empty()) {
         notices.push(format!("neurons of the clusters: {}", neurons.join(", ")));
     }

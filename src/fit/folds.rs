@@ -1,9 +1,11 @@
 //! Which poses are left out together, and the rows that stand for them.
 
 use std::collections::BTreeMap;
+use std::sync::OnceLock;
 
-use super::Ridge;
 use super::design::Design;
+use super::leave_out::Refit;
+use super::{Error, Ridge};
 use crate::num::linalg::{Mat, MatMut, MatRef, Qr, Reborrow, ReborrowMut, multiply};
 
 /// Parts into which a single clip is cut where whole clips should be left out.
@@ -42,6 +44,8 @@ pub(super) struct Fold {
     pub(super) ones: Vec<f64>,
     /// Q_gᵀ U_g, k × r.
     pub(super) u: Mat<f64>,
+    /// The regressors without the group, once they were needed.
+    refit: OnceLock<Refit>,
 }
 
 impl Folds {
@@ -69,6 +73,16 @@ impl Folds {
     /// Whether every row stands for itself.
     pub(super) fn is_plain(&self) -> bool {
         self.folds.iter().all(|fold| fold.basis.is_none())
+    }
+
+    /// The regressors without fold `i`, made when first asked for: they depend on no sizes.
+    pub(super) fn refit(&self, design: &Design, i: usize) -> Result<&Refit, Error> {
+        let fold = &self.folds[i];
+        if let Some(known) = fold.refit.get() {
+            return Ok(known);
+        }
+        let made = Refit::new(design, self, fold)?;
+        Ok(fold.refit.get_or_init(|| made))
     }
 
     /// `out` = the compressed rows of `b`, whose rows are poses in [`Folds::order`]; adds the
@@ -110,6 +124,7 @@ impl Fold {
             basis,
             ones: inside.col(0).iter().copied().collect(),
             u: inside.subcols(1, rank).to_owned(),
+            refit: OnceLock::new(),
         }
     }
 }

@@ -83,8 +83,8 @@ impl LeaveOut<'_> {
         let step = if anew { folds.len().div_ceil(MOST_REFITS) } else { usize::MAX };
         let of_fold = |(i, fold): (usize, &Fold)| -> Result<FoldEnergies, Error> {
             let refitted = if anew && i % step == 0 {
-                let refit = Refit::new(self.design, self.folds, fold)?;
-                Some(filters.iter().map(|f| self.refitted(i, fold, &refit, f)).collect())
+                let refit = self.folds.refit(self.design, i)?;
+                Some(filters.iter().map(|f| self.refitted(i, fold, refit, f)).collect())
             } else {
                 None
             };
@@ -105,15 +105,11 @@ impl LeaveOut<'_> {
         fold: &Fold,
         shares: &[Shares<'_>],
     ) -> Result<Vec<f64>, Error> {
-        let mut refit = None;
         let of = |shares: &Shares<'_>| {
             if let Some(energy) = self.closed(i, fold, shares)? {
                 return Ok(energy);
             }
-            if refit.is_none() {
-                refit = Some(Refit::new(self.design, self.folds, fold)?);
-            }
-            let refit = refit.as_ref().expect("made above");
+            let refit = self.folds.refit(self.design, i)?;
             Ok(self.refitted(i, fold, refit, shares.filter))
         };
         shares.iter().map(of).collect()
@@ -186,7 +182,8 @@ fn trace_of_product(a: &Mat<f64>, b: MatRef<'_, f64>) -> f64 {
 
 /// The regressors without one group: with A₋ the other poses' coordinates U diag(s) and μ their
 /// mean, A₋ − μ = U'S'V'ᵀ.
-struct Refit {
+#[derive(Debug)]
+pub(super) struct Refit {
     mean: Vec<f64>,
     s: Vec<f64>,
     v: Mat<f64>,
@@ -195,7 +192,7 @@ struct Refit {
 }
 
 impl Refit {
-    fn new(design: &Design, folds: &Folds, fold: &Fold) -> Result<Self, Error> {
+    pub(super) fn new(design: &Design, folds: &Folds, fold: &Fold) -> Result<Self, Error> {
         let range = fold.first_pose..fold.first_pose + fold.poses;
         let outside = folds.order.iter().enumerate().filter(|(i, _)| !range.contains(i));
         let rest: Vec<usize> = outside.map(|(_, &pose)| pose).collect();

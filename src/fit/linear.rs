@@ -48,7 +48,7 @@ pub(super) fn fit(
     clock.lap("pass_s");
     let choice = regression.choose(&moments, r)?;
     clock.lap("leave_out_s");
-    solve(&mut weights, regression, &choice.filter);
+    solve(&mut weights, &mut mean, regression, &choice.filter);
     clock.lap("solve_s");
     let mut report = regression.report(&choice, &moments, outputs, Unseen::default());
     report.passes = 1;
@@ -108,8 +108,8 @@ fn centre(
     }
 }
 
-/// Turns each row's C into weights, V diag(f) C.
-fn solve(weights: &mut [f32], regression: &Regression<'_>, filter: &Filter) {
+/// Turns each row's C into weights, V diag(f) C, and moves the means to where the rounded centre is.
+fn solve(weights: &mut [f32], mean: &mut [f32], regression: &Regression<'_>, filter: &Filter) {
     let design = regression.design;
     let (a, r) = (design.centre.len(), design.rank());
     if r == 0 {
@@ -117,10 +117,15 @@ fn solve(weights: &mut [f32], regression: &Regression<'_>, filter: &Filter) {
     }
     let gains = filter.gains(&design.s);
     let solution = Mat::from_fn(r, a, |j, i| gains[j] * design.v[(i, j)]);
-    weights.par_chunks_mut(ROWS * a).for_each(|weights| {
+    let moved: Vec<f64> = design.rounding(r).iter().zip(&gains).map(|(m, g)| m * g).collect();
+    weights.par_chunks_mut(ROWS * a).zip(mean.par_chunks_mut(ROWS)).for_each(|(weights, mean)| {
         let rows = weights.len() / a;
         let c: Vec<f64> =
             weights.chunks_exact(a).flat_map(|row| &row[..r]).map(|&x| f64::from(x)).collect();
+        for (mean, c) in mean.iter_mut().zip(c.chunks_exact(r)) {
+            let along: f64 = c.iter().zip(&moved).map(|(c, m)| c * m).sum();
+            *mean = (f64::from(*mean) + along) as f32;
+        }
         let mut out = vec![0.0; rows * a];
         multiply(rows_of_mut(&mut out, rows, a), rows_of(&c, rows, r), solution.as_ref());
         weights.iter_mut().zip(&out).for_each(|(w, &x)| *w = x as f32);

@@ -25,6 +25,7 @@ mod mean_shift;
 mod moments;
 mod multilinear;
 mod neurons;
+mod noise;
 mod occluder;
 mod output_basis;
 mod output_parts;
@@ -32,8 +33,10 @@ mod pca_linear;
 mod point_clusters;
 mod report;
 mod ridge;
+mod shared;
 mod sketch;
 mod source;
+mod still;
 mod tall_qr;
 
 pub use clustered::{ClusteredSizes, Kept};
@@ -41,6 +44,7 @@ pub use error::Error;
 pub use geometry::Geometry;
 pub use multilinear::{MultilinearSizes, PointClusters};
 pub use report::{FitReport, OccluderReport};
+pub use shared::{Largest, Shared};
 
 use crate::dataset::Training;
 use crate::model::{Decoder, Frame, Occluders, TrainingSummary};
@@ -115,6 +119,8 @@ pub struct Settings {
     pub spheres: Option<usize>,
     /// Seed of the randomised decomposition, 1 by default.
     pub seed: u64,
+    /// Steps of an optimiser that has no closed form (`tanh`), at most; 1000 by default.
+    pub steps: usize,
 }
 
 impl Default for Settings {
@@ -127,6 +133,7 @@ impl Default for Settings {
             unshadowed: false,
             spheres: None,
             seed: 1,
+            steps: 1000,
         }
     }
 }
@@ -169,33 +176,61 @@ pub fn fit_posed(
     settings: &Settings,
     geometry: Option<&Geometry<'_>>,
 ) -> Result<Fitted, Error> {
+    fit_shared(training, settings, geometry, &Shared::default())
+}
+
+/// [`fit_posed`] that takes from earlier fits of the same training set what they have in common
+/// with it, and leaves its own to later ones. Sizes change nothing but the sketch that the basis
+/// of `pca-linear` is found from.
+///
+/// # Errors
+/// As [`fit`].
+///
+/// # Panics
+/// As [`fit_posed`].
+pub fn fit_shared(
+    training: &Training<'_>,
+    settings: &Settings,
+    geometry: Option<&Geometry<'_>>,
+    shared: &Shared,
+) -> Result<Fitted, Error> {
     check(settings)?;
     let mut clock = Clock::start();
     let mut source = Source::new(training, settings.frame)?;
-    let explained = explain(&mut source, training, settings, geometry)?;
+    if settings.on == On::Trained {
+        source.keep_noise();
+    }
+    let explained = explain(&mut source, training, settings, geometry, shared)?;
     if explained.is_some() {
         clock.lap("occluders_s");
     }
-    let design =
-        design::Design::new(training.parameters(), training.parameter_names(), training.poses())?;
+    let names = training.parameter_names();
+    let design = shared
+        .design(names, || design::Design::new(training.parameters(), names, training.poses()))?;
+    let design = &*design;
     clock.lap("pose_svd_s");
-    let regression = ridge::Regression::new(&design, training.clips(), settings);
+    let folds = shared.folds(names, ridge::Regression::kind(settings), || {
+        ridge::Regression::folds_of(design, training.clips(), settings)
+    })?;
+    let regression = ridge::Regression::with_folds(design, folds, settings);
     let mut fitted = match settings.family {
-        Family::Mean => mean::fit(&source, &design, &mut clock)?,
+        Family::Mean => mean::fit(&source, design, &mut clock)?,
         Family::Linear => linear::fit(&source, &regression, &mut clock)?,
         Family::PcaLinear { inputs, outputs } => {
             let sizes = pca_linear::Sizes::Exactly { inputs, outputs };
-            pca_linear::fit(&source, &regression, sizes, settings.seed, &mut clock)?
+            pca_linear::fit(&source, &regression, sizes, (settings, shared), &mut clock)?
         }
         Family::PcaRetaining { inputs, outputs } => {
             let sizes = pca_linear::Sizes::Retaining { inputs, outputs };
-            pca_linear::fit(&source, &regression, sizes, settings.seed, &mut clock)?
+            pca_linear::fit(&source, &regression, sizes, (settings, shared), &mut clock)?
         }
         Family::Multilinear(sizes) => {
-            multilinear::fit(&source, training, &design, sizes, settings, &mut clock)?
+            let parts = (&source, training, design);
+            multilinear::fit(parts, sizes, settings, shared, &mut clock)?
         }
         Family::Clustered(sizes) => {
-            clustered::fit(&source, training, &design, sizes, settings, &mut clock)?
+            let parts = (&source, training, design);
+            clustered::fit(parts, sizes, settings, shared, &mut clock)?
         }
     };
     if let Some((occluders, report)) = explained {
@@ -211,6 +246,7 @@ fn explain<'a>(
     training: &'a Training<'_>,
     settings: &Settings,
     geometry: Option<&'a Geometry<'a>>,
+    shared: &Shared,
 ) -> Result<Option<(Occluders, OccluderReport)>, Error> {
     if !settings.unshadowed && settings.spheres.is_none() {
         return Ok(None);
@@ -222,11 +258,14 @@ fn explain<'a>(
     let explained = occluder::Explained::new(geometry, settings, turns);
     source.explain(explained);
     let Some(spheres) = settings.spheres else { return Ok(None) };
-    let mut placed = occluder::place(geometry, turns, spheres)?;
-    let report = occluder::fit(source, &mut placed, training.clips(), settings)?;
-    let occluders = placed.occluders.clone();
-    source.explain_further(placed);
-    Ok(Some((occluders, report)))
+    let found = shared.placed(shared::Outputs::of(settings), || {
+        let mut placed = occluder::place(geometry, turns, spheres)?;
+        let report = occluder::fit(source, &mut placed, training.clips(), settings)?;
+        Ok((placed, report))
+    })?;
+    let (placed, report) = &*found;
+    source.explain_further(placed.clone());
+    Ok(Some((placed.occluders.clone(), report.clone())))
 }
 
 fn check(settings: &Settings) -> Result<(), Error> {

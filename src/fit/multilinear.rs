@@ -10,7 +10,7 @@ use super::point_clusters::{drop_intercepts, share, subtract};
 use super::report::Clock;
 use super::ridge::{Regression, summary};
 use super::source::{Block, Source};
-use super::{Error, FitReport, Fitted, Settings};
+use super::{Error, FitReport, Fitted, Settings, Shared};
 use crate::dataset::Training;
 use crate::model::{Decoder, Multilinear};
 use crate::num::linalg::rows_of_mut;
@@ -48,6 +48,7 @@ pub enum PointClusters {
 }
 
 /// The poses of one cluster.
+#[derive(Debug)]
 pub(super) struct Local {
     pub(super) design: Design,
     clips: Vec<i32>,
@@ -80,15 +81,17 @@ impl Layout {
 }
 
 pub(super) fn fit(
-    source: &Source<'_>,
-    training: &Training<'_>,
-    design: &Design,
+    (source, training, design): (&Source<'_>, &Training<'_>, &Design),
     sizes: MultilinearSizes,
     settings: &Settings,
+    shared: &Shared,
     clock: &mut Clock,
 ) -> Result<Fitted, Error> {
     check(design, source, &sizes)?;
-    let locals = locals(training, design, &sizes, settings.seed)?;
+    let locals = shared.locals(training.parameter_names(), sizes.clusters, || {
+        locals(training, design, &sizes, settings.seed)
+    })?;
+    let locals = &**locals;
     clock.lap("pose_clusters_s");
     let regressions: Vec<Regression<'_>> =
         locals.iter().map(|l| Regression::new(&l.design, &l.clips, settings)).collect();
@@ -128,14 +131,14 @@ pub(super) fn fit(
         .zip(&filters)
         .map(|((l, m), f)| m.training_energy(&l.design, &f.left(&l.design.s)))
         .sum();
-    scale(&mut coefficients, &locals, &filters, layout);
+    scale(&mut coefficients, locals, &filters, layout);
     clock.lap("ridge_s");
     let mut model = Multilinear {
         blend_exponent: sizes.blend_exponent as f32,
         inputs,
         intercepts: !sizes.published,
         centres: locals.iter().flat_map(|l| l.design.centre.iter().map(|&x| x as f32)).collect(),
-        projection: projection(&locals, design.centre.len(), inputs),
+        projection: projection(locals, design.centre.len(), inputs),
         mean: Vec::new(),
         coefficients,
         row_of_point: Vec::new(),
@@ -144,9 +147,9 @@ pub(super) fn fit(
         subtract(&mut model.coefficients, &mean, layout);
         model.mean = mean;
     }
-    energy += share(&mut model, &locals, &filters, sizes.points, layout);
+    energy += share(&mut model, locals, &filters, sizes.points, layout);
     if sizes.published {
-        energy += drop_intercepts(&mut model, &locals, layout);
+        energy += drop_intercepts(&mut model, locals, layout);
     }
     clock.lap("point_clusters_s");
     let report = report(design, &regressions, &filters, (energy, spread), source);
@@ -261,18 +264,28 @@ fn choose(
         .collect()
 }
 
-/// Turns each C into weights of the projected pose, diag(f) C.
+/// Turns each C into weights of the projected pose, diag(f) C, and moves the intercepts to where the
+/// rounded centre is.
 fn scale(coefficients: &mut [f32], locals: &[Local], filters: &[Filter], layout: Layout) {
-    let gains: Vec<Vec<f64>> =
-        locals.iter().zip(filters).map(|(l, f)| f.gains(&l.design.s)).collect();
+    let gains: Vec<Vec<(f64, f64)>> = (locals.iter().zip(filters))
+        .map(|(local, filter)| {
+            let moved = local.design.rounding(local.design.rank());
+            filter.gains(&local.design.s).into_iter().zip(moved).collect()
+        })
+        .collect();
     let per_point = layout.clusters * layout.width * layout.inner;
     coefficients.par_chunks_mut(per_point).for_each(|point| {
         let clusters = point.chunks_exact_mut(layout.width * layout.inner).zip(&gains);
         for (cluster, gains) in clusters {
             for row in cluster.chunks_exact_mut(layout.inner) {
+                let mut offset = f64::from(row[layout.inputs]);
                 for (k, x) in row[..layout.inputs].iter_mut().enumerate() {
-                    *x = gains.get(k).map_or(0.0, |gain| (f64::from(*x) * gain) as f32);
+                    let (gain, moved) = gains.get(k).copied().unwrap_or_default();
+                    let weight = f64::from(*x) * gain;
+                    offset += weight * moved;
+                    *x = weight as f32;
                 }
+                row[layout.inputs] = offset as f32;
             }
         }
     });

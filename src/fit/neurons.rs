@@ -3,9 +3,17 @@
 use super::lbfgs::minimise;
 use crate::num::random::{Stream, hash};
 
-/// Steps of the optimiser for the final fit, at most (RPO09 has 5000 of BFGS), and in
-/// cross-validation, where only the better of several has to be told.
-const STEPS: (usize, usize) = (1000, 150);
+/// Steps of the optimiser in cross-validation, at most, where only the better of several has to be
+/// told.
+const TRIED_STEPS: usize = 150;
+
+/// How hard to try.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Budget {
+    /// Steps of the optimiser for the final fit, at most (RPO09 has 5000 of BFGS).
+    pub(super) steps: usize,
+    pub(super) seed: u64,
+}
 
 /// Folds of the cross-validation.
 const FOLDS: usize = 4;
@@ -60,8 +68,9 @@ pub(super) fn choose(
     fold: &[usize],
     neurons: &[usize],
     regularised: bool,
-    seed: u64,
+    budget: Budget,
 ) -> (usize, f64) {
+    let tried = Budget { steps: budget.steps.min(TRIED_STEPS), ..budget };
     let energy: f64 = data.y.iter().map(|y| y * y).sum();
     let largest = neurons.iter().copied().max().unwrap_or(1);
     if !regularised {
@@ -78,7 +87,7 @@ pub(super) fn choose(
                     continue;
                 }
                 let kept = Data { x: &x, y: &y, ..data };
-                let layer = fit(kept, count, alpha, seed, STEPS.1);
+                let layer = fit_fully(kept, count, alpha, tried);
                 error += layer.error(Data { x: &test_x, y: &test_y, ..data });
             }
             if error < best.0 {
@@ -100,20 +109,16 @@ pub(super) fn folds(clips: &[i32]) -> Vec<usize> {
     clips.iter().map(|clip| names.partition_point(|name| name < clip) % FOLDS).collect()
 }
 
-/// The final layer.
-pub(super) fn fit_fully(data: Data<'_>, neurons: usize, alpha: f64, seed: u64) -> Neurons {
-    fit(data, neurons, alpha, seed, STEPS.0)
-}
-
-fn fit(data: Data<'_>, neurons: usize, alpha: f64, seed: u64, steps: usize) -> Neurons {
+/// The layer of so many neurons.
+pub(super) fn fit_fully(data: Data<'_>, neurons: usize, alpha: f64, budget: Budget) -> Neurons {
     let Data { inputs, outputs, .. } = data;
-    let mut stream = Stream::new(hash(&[seed, neurons as u64]));
+    let mut stream = Stream::new(hash(&[budget.seed, neurons as u64]));
     let scale = 1.0 / (inputs as f64).sqrt();
     let mut start: Vec<f64> =
         (0..neurons * (inputs + 1)).map(|_| stream.normal() * scale).collect();
     start.extend((0..outputs * (neurons + 1)).map(|_| 0.01 * stream.normal()));
     let minimum =
-        minimise(start, steps, |x, gradient| objective(data, neurons, alpha, x, gradient));
+        minimise(start, budget.steps, |x, gradient| objective(data, neurons, alpha, x, gradient));
     let (hidden, weights) = minimum.x.split_at(neurons * (inputs + 1));
     let mut layer =
         Neurons { hidden: hidden.to_vec(), weights: weights.to_vec(), energy: 0.0, alpha };
@@ -194,6 +199,10 @@ fn penalise(parameters: &[f64], count: usize, alpha: f64, gradient: &mut [f64]) 
 mod tests {
     use super::*;
 
+    fn budget(seed: u64) -> Budget {
+        Budget { steps: 1000, seed }
+    }
+
     fn step(poses: usize) -> (Vec<f64>, Vec<f64>) {
         let x: Vec<f64> = (0..poses).map(|i| i as f64 / (poses - 1) as f64 * 4.0 - 2.0).collect();
         let y = x.iter().flat_map(|x| [(3.0 * x).tanh(), 1.0 - (3.0 * x).tanh()]).collect();
@@ -228,9 +237,9 @@ mod tests {
     fn one_neuron_is_a_step() {
         let (x, y) = step(40);
         let data = Data { x: &x, y: &y, inputs: 1, outputs: 2 };
-        let layer = fit_fully(data, 1, 0.0, 1);
+        let layer = fit_fully(data, 1, 0.0, budget(1));
         assert!(layer.energy < 1e-6, "{}", layer.energy);
-        assert_eq!(layer, fit_fully(data, 1, 0.0, 1));
+        assert_eq!(layer, fit_fully(data, 1, 0.0, budget(1)));
     }
 
     /// Saturated neurons, constant outputs, and one pose stay finite.
@@ -238,11 +247,11 @@ mod tests {
     fn extremes_stay_finite() {
         let x = [1e8, -1e8, 3e8];
         for y in [[1.0, 0.0, 1.0], [5.0; 3]] {
-            let layer = fit_fully(Data { x: &x, y: &y, inputs: 1, outputs: 1 }, 3, 1e-3, 2);
+            let layer = fit_fully(Data { x: &x, y: &y, inputs: 1, outputs: 1 }, 3, 1e-3, budget(2));
             assert!(layer.hidden.iter().chain(&layer.weights).all(|w| w.is_finite()));
         }
         let one = Data { x: &[0.5], y: &[2.0], inputs: 1, outputs: 1 };
-        assert!(fit_fully(one, 2, 1e-6, 3).energy < 1e-2);
+        assert!(fit_fully(one, 2, 1e-6, budget(3)).energy < 1e-2);
     }
 
     /// Whole clips are left out together; the only clip falls into contiguous parts.

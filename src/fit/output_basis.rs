@@ -4,7 +4,7 @@
 use rayon::prelude::*;
 
 use super::Error;
-use super::design::fewest;
+use super::noise::Noise;
 use super::sketch::{ROUND_OFF, Ritz, Sketch, add_products};
 use super::source::Source;
 use super::tall_qr::tall_qr;
@@ -31,7 +31,9 @@ const ROWS: usize = 1024;
 pub(super) enum Outputs {
     /// This many.
     Exactly(usize),
-    /// The fewest that hold this share of Σ y².
+    /// This many, or as many as there are.
+    AtMost(usize),
+    /// The fewest that hold this share of Σ y², as far as it is not noise of the data.
     Retaining(f64),
 }
 
@@ -39,7 +41,7 @@ pub(super) enum Outputs {
 #[derive(Debug)]
 pub(super) struct OutputBasis {
     /// `[point, output]`.
-    pub(super) vectors: Vec<f32>,
+    vectors: Vec<f32>,
     /// d_out.
     pub(super) outputs: usize,
     /// Leading squared singular values, descending.
@@ -58,12 +60,33 @@ pub(super) struct OutputBasis {
 #[derive(Debug)]
 pub(super) struct Projected {
     /// T = Y P, `[pose, coefficient, output]`.
-    pub(super) t: Vec<f64>,
-    /// ‖Y‖² − ‖T‖²: what the basis cannot express.
-    pub(super) outside: f64,
+    t: Vec<f64>,
+    /// ‖Y‖².
+    energy: f64,
+    /// ‖T‖² by outputs.
+    inside: Vec<f64>,
+    /// The same with each group's poses in the basis found without them.
+    held_out: Option<Vec<f64>>,
+}
+
+impl Projected {
+    /// T of the first `outputs` alone.
+    pub(super) fn t(&self, outputs: usize) -> Vec<f64> {
+        let rows = self.t.chunks_exact(self.inside.len());
+        rows.flat_map(|row| &row[..outputs]).copied().collect()
+    }
+
+    /// ‖Y‖² − ‖T‖²: what the first `outputs` of the basis cannot express.
+    pub(super) fn outside(&self, outputs: usize) -> f64 {
+        (self.energy - self.inside[..outputs].iter().rev().sum::<f64>()).max(0.0)
+    }
+
     /// By how much that would be more if each group's poses were expressed in the basis found
     /// without them.
-    pub(super) optimism: Option<f64>,
+    pub(super) fn optimism(&self, outputs: usize) -> Option<f64> {
+        let sum = |values: &[f64]| values[..outputs].iter().rev().sum::<f64>();
+        self.held_out.as_ref().map(|held_out| (sum(&self.inside) - sum(held_out)).max(0.0))
+    }
 }
 
 impl OutputBasis {
@@ -75,13 +98,18 @@ impl OutputBasis {
         seed: u64,
     ) -> Result<Self, Error> {
         let most = source.points().min(source.poses() * source.width());
+        let noise = Noise {
+            variance: source.noise_variance(),
+            rows: source.poses() * source.width(),
+            columns: source.points(),
+        };
         if let Outputs::Exactly(asked) = wanted
             && !(1..=most).contains(&asked)
         {
             return Err(Error::Outputs { asked, available: most });
         }
         let first = match wanted {
-            Outputs::Exactly(asked) => asked + EXTRA.max(asked / 32),
+            Outputs::Exactly(asked) | Outputs::AtMost(asked) => asked + EXTRA.max(asked / 32),
             Outputs::Retaining(_) => 0,
         };
         let k = first.max(SHOWN + EXTRA).min(most);
@@ -94,8 +122,9 @@ impl OutputBasis {
             let ritz = sketch.ritz()?;
             let outputs = match wanted {
                 Outputs::Exactly(asked) => asked,
+                Outputs::AtMost(asked) => asked.min(sketch.k),
                 Outputs::Retaining(share) => {
-                    let (count, enough) = retaining(&ritz.values, sketch.energy, share);
+                    let (count, enough) = noise.fewest(&ritz.values, sketch.energy, share);
                     if !enough && sketch.k < most {
                         sketch.widen((2 * sketch.k).min(most));
                         last = sketch.passes + MOST_PASSES;
@@ -106,14 +135,14 @@ impl OutputBasis {
             };
             if sketch.k == most || sketch.passes >= last || converged(&ritz, outputs, sketch.energy)
             {
-                return Self::finish(&sketch, wanted);
+                return Self::finish(&sketch, wanted, noise);
             }
             sketch.advance();
         }
     }
 
     /// The right singular vectors of QQᵀY, by way of W = YᵀQ.
-    fn finish(sketch: &Sketch<'_>, wanted: Outputs) -> Result<Self, Error> {
+    fn finish(sketch: &Sketch<'_>, wanted: Outputs, noise: Noise) -> Result<Self, Error> {
         let k = sketch.k;
         let w = total(&sketch.w);
         let (q, r) = tall_qr(&w, k);
@@ -123,8 +152,9 @@ impl OutputBasis {
         let available = svd.s.iter().take_while(|&&s| s > least).count();
         let outputs = match wanted {
             Outputs::Exactly(asked) => asked,
+            Outputs::AtMost(asked) => asked.min(available).max(1),
             Outputs::Retaining(share) => {
-                retaining(&spectrum, sketch.energy, share).0.min(available).max(1)
+                noise.fewest(&spectrum, sketch.energy, share).0.min(available).max(1)
             }
         };
         if outputs > available {
@@ -163,18 +193,15 @@ impl OutputBasis {
             }
             Ok(())
         })?;
-        let inside = energy(&t);
-        let outside = (self.energy - inside).max(0.0);
-        let optimism = (!held_out.is_empty()).then(|| (inside - energy(&held_out)).max(0.0));
-        Ok(Projected { t, outside, optimism })
+        let inside = energies(&t, d);
+        let held_out = (!held_out.is_empty()).then(|| energies(&held_out, d));
+        Ok(Projected { t, energy: self.energy, inside, held_out })
     }
-}
 
-/// The fewest leading values that hold `share` of `energy`, and whether all of them do.
-fn retaining(values: &[f64], energy: f64, share: f64) -> (usize, bool) {
-    let needed = share * energy * (1.0 - ROUND_OFF);
-    let held: f64 = values.iter().rev().sum();
-    (fewest(values, (needed / held).min(1.0)), held >= needed)
+    /// The first `outputs` vectors, `[point, output]`.
+    pub(super) fn vectors(&self, outputs: usize) -> Vec<f32> {
+        self.vectors.chunks_exact(self.outputs).flat_map(|row| &row[..outputs]).copied().collect()
+    }
 }
 
 /// Whether another step would still lower the energy outside the leading vectors noticeably.
@@ -234,7 +261,15 @@ fn total(parts: &[Vec<f32>]) -> Vec<f64> {
     sum
 }
 
-/// Σ x², in chunks so that round-off stays small.
-fn energy(values: &[f64]) -> f64 {
-    values.chunks(1024).map(|chunk| chunk.iter().map(|x| x * x).sum::<f64>()).sum()
+/// Σ x² of every column, in chunks so that round-off stays small.
+fn energies(values: &[f64], columns: usize) -> Vec<f64> {
+    let mut sums = vec![0.0; columns];
+    for chunk in values.chunks(ROWS * columns) {
+        let mut part = vec![0.0; columns];
+        for row in chunk.chunks_exact(columns) {
+            part.iter_mut().zip(row).for_each(|(sum, x)| *sum += x * x);
+        }
+        sums.iter_mut().zip(&part).for_each(|(sum, part)| *sum += part);
+    }
+    sums
 }

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::Error;
 use super::clustered::Kept;
-use super::design::fewest;
+use super::noise::Noise;
 use super::source::{Block, Source};
 use crate::num::linalg::{Mat, MatRef, Qr, multiply_add, product, symmetric_eigen};
 use crate::num::random::{hash, unit};
@@ -17,7 +17,7 @@ const SKETCH: usize = 160;
 const COLUMNS: usize = 512;
 
 /// One cluster's outputs about their means, B = scores · directionsᵀ and a rest.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Part {
     /// p × k, U diag(s).
     pub(super) scores: Mat<f64>,
@@ -29,6 +29,9 @@ pub(super) struct Part {
     pub(super) energy: f64,
     /// What the scores hold of it.
     pub(super) kept: f64,
+    /// s² of all directions that were found, k and more, descending.
+    values: Vec<f64>,
+    noise: Noise,
 }
 
 impl Part {
@@ -42,6 +45,46 @@ impl Part {
         }
         out
     }
+
+    /// s² of the directions that are kept.
+    pub(super) fn squares(&self) -> &[f64] {
+        &self.values[..self.scores.ncols()]
+    }
+
+    /// The same with fewer directions, as if no more had been asked for.
+    pub(super) fn only(&self, outputs: Kept) -> Self {
+        let (all, k) = (self.scores.ncols(), self.count(outputs).min(self.scores.ncols()));
+        let rows = self.directions.chunks_exact(all.max(1));
+        Self {
+            scores: self.scores.subcols(0, k).to_owned(),
+            mean: self.mean.clone(),
+            directions: rows.flat_map(|row| &row[..k.min(row.len())]).copied().collect(),
+            energy: self.energy,
+            kept: self.values[..k].iter().sum(),
+            values: self.values.clone(),
+            noise: self.noise,
+        }
+    }
+
+    /// How many directions are kept: none of those that the noise of the data hides.
+    fn count(&self, outputs: Kept) -> usize {
+        match outputs {
+            Kept::Count(count) => count.min(self.values.len()),
+            Kept::Share(share) => self.noise.fewest(&self.values, self.energy, share).0,
+        }
+    }
+
+    /// Directions of so large a share that noise alone keeps out, next to `outputs`.
+    pub(super) fn hidden(&self, outputs: Kept) -> usize {
+        let silent = Noise { variance: 0.0, ..self.noise };
+        match outputs {
+            Kept::Count(_) => 0,
+            Kept::Share(share) => {
+                let all = silent.fewest(&self.values, self.energy, share).0;
+                all.saturating_sub(self.count(outputs))
+            }
+        }
+    }
 }
 
 /// The parts of all clusters, in three passes over the data.
@@ -51,7 +94,7 @@ pub(super) fn parts(
     outputs: Kept,
     seed: u64,
 ) -> Result<Vec<Part>, Error> {
-    let (poses, width) = (source.poses(), source.width());
+    let (poses, width, variance) = (source.poses(), source.width(), source.noise_variance());
     let count = labels.iter().max().map_or(0, |&label| label + 1);
     let size = SKETCH.min(poses);
     let mut sketches = vec![Mat::<f64>::zeros(poses, size); count];
@@ -86,11 +129,13 @@ pub(super) fn parts(
         });
         Ok(())
     })?;
-    let mut parts = grams
-        .par_iter()
-        .zip(&ranges)
-        .map(|(gram, range)| Ok(principal(gram.0.as_ref(), gram.1, range.as_ref(), outputs)?))
-        .collect::<Result<Vec<Part>, Error>>()?;
+    let mut sizes = vec![0; count];
+    labels.iter().for_each(|&label| sizes[label] += width);
+    let found = grams.par_iter().zip(&ranges).zip(&sizes).map(|((gram, range), &columns)| {
+        let noise = Noise { variance, rows: poses.saturating_sub(1), columns };
+        Ok(principal(gram.0.as_ref(), (gram.1, noise), range.as_ref(), outputs)?)
+    });
+    let mut parts = found.collect::<Result<Vec<Part>, Error>>()?;
     source.for_each_batch(|blocks| {
         let blocks = &*blocks;
         parts.par_iter_mut().enumerate().for_each(|(cluster, part)| {
@@ -118,28 +163,22 @@ fn inverse_squares(scores: MatRef<'_, f64>) -> Vec<f64> {
 /// The kept components from QᵀB(QᵀB)ᵀ.
 fn principal(
     gram: MatRef<'_, f64>,
-    energy: f64,
+    (energy, noise): (f64, Noise),
     range: MatRef<'_, f64>,
     outputs: Kept,
 ) -> Result<Part, crate::num::linalg::NoConvergence> {
-    let (values, vectors) = symmetric_eigen(gram)?;
+    let (mut values, vectors) = symmetric_eigen(gram)?;
     // Below this a component is round-off of f32 data.
     let least = f64::from(f32::EPSILON).powi(2) * energy;
-    let available = values.iter().take_while(|&&value| value > least).count();
-    let k = match outputs {
-        Kept::Count(count) => count.min(available),
-        Kept::Share(share) if available > 0 => {
-            let mut all = values[..available].to_vec();
-            // What the sketch does not hold counts as one more direction that cannot be kept.
-            all.push((energy - all.iter().sum::<f64>()).max(0.0));
-            fewest(&all, share).min(available)
-        }
-        Kept::Share(_) => 0,
-    };
+    values.truncate(values.iter().take_while(|&&value| value > least).count());
+    let scores = Mat::zeros(range.nrows(), 0);
+    let (mean, directions) = (Vec::new(), Vec::new());
+    let mut part = Part { scores, mean, directions, energy, kept: 0.0, values, noise };
+    let k = part.count(outputs);
     let u = product(range, vectors.subcols(0, k));
-    let scores = Mat::from_fn(u.nrows(), k, |i, j| u[(i, j)] * values[j].sqrt());
-    let kept = values[..k].iter().sum();
-    Ok(Part { scores, mean: Vec::new(), directions: Vec::new(), energy, kept })
+    part.scores = Mat::from_fn(u.nrows(), k, |i, j| u[(i, j)] * part.values[j].sqrt());
+    part.kept = part.values[..k].iter().sum();
+    Ok(part)
 }
 
 /// Some outputs of one cluster.

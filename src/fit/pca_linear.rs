@@ -1,12 +1,15 @@
 //! Family `pca-linear`: a ridge between the principal components of poses and of outputs
 //! (PRT07 §5).
 
+use std::sync::Arc;
+
 use super::moments::{Moments, Scratch};
-use super::output_basis::{OutputBasis, Outputs, Projected};
+use super::output_basis::{OutputBasis, Outputs};
 use super::report::Clock;
 use super::ridge::{Choice, Regression, Unseen};
+use super::shared::{self, Basis, Shared};
 use super::source::Source;
-use super::{Error, Fitted};
+use super::{Error, Fitted, Settings};
 use crate::model::Decoder;
 use crate::num::linalg::rows_of_mut;
 
@@ -36,32 +39,49 @@ pub(super) fn fit(
     source: &Source<'_>,
     regression: &Regression<'_>,
     sizes: Sizes,
-    seed: u64,
+    (settings, shared): (&Settings, &Shared),
     clock: &mut Clock,
 ) -> Result<Fitted, Error> {
     let (inputs, wanted) = dimensions(regression, sizes)?;
     let groups = regression.coarse_groups();
-    let basis = OutputBasis::find(source, wanted, &groups, seed)?;
+    let find = |wanted| -> Result<Basis, Error> {
+        let basis = OutputBasis::find(source, wanted, &groups, settings.seed)?;
+        let projected = basis.project(source, &groups)?;
+        Ok(Basis { basis, projected })
+    };
+    let found = match (wanted, shared.largest()) {
+        (Outputs::Exactly(asked), Some(largest)) if asked <= largest.outputs => {
+            let most = Outputs::AtMost(largest.outputs);
+            shared.basis(shared::Outputs::of(settings), || find(most))?
+        }
+        _ => Arc::new(find(wanted)?),
+    };
+    let Basis { basis, projected } = &*found;
+    let outputs = match wanted {
+        Outputs::Exactly(asked) => asked,
+        Outputs::AtMost(_) | Outputs::Retaining(_) => basis.outputs,
+    };
+    if !(1..=basis.outputs).contains(&outputs) {
+        return Err(Error::Outputs { asked: outputs, available: basis.outputs });
+    }
     clock.lap("output_pca_s");
-    let Projected { t, outside, optimism } = basis.project(source, &groups)?;
-    clock.lap("project_s");
-    let regressed = regress(t, regression);
+    let regressed = regress(projected.t(outputs), regression);
     let choice = regression.choose(&regressed.moments, inputs)?;
     clock.lap("ridge_s");
     let columns = source.points() * source.width();
-    let unseen = Unseen { outside, optimism };
+    let unseen =
+        Unseen { outside: projected.outside(outputs), optimism: projected.optimism(outputs) };
     let mut report = regression.report(&choice, &regressed.moments, columns, unseen);
     report.spread_rms = (basis.spread / (source.poses() * columns) as f64).sqrt();
     if basis.spread > 0.0 {
         report.output_variance_retained = regressed.moments.total / basis.spread;
     }
-    report.outputs = basis.outputs;
+    report.outputs = outputs;
     report.output_energy = basis.energy;
-    let OutputBasis { vectors, outputs, spectrum, passes, .. } = basis;
-    report.output_spectrum = spectrum;
-    report.passes = passes + 1;
+    report.output_spectrum.clone_from(&basis.spectrum);
+    report.passes = basis.passes + 1;
     let (projection, coefficients) = decoder(regression, &choice, &regressed, outputs);
-    let decoder = Decoder::PcaLinear { projection, coefficients, basis: vectors };
+    let decoder = Decoder::PcaLinear { projection, coefficients, basis: basis.vectors(outputs) };
     Ok(Fitted { decoder, occluders: None, training: regression.summary(inputs, false), report })
 }
 

@@ -1,5 +1,7 @@
 //! The ridge that the linear families share: which α, what errors, what solution.
 
+use std::sync::Arc;
+
 use super::design::{Design, Filter};
 use super::folds::Folds;
 use super::leave_out::{LeaveOut, choose, grid};
@@ -16,7 +18,7 @@ const COLUMN_NUMBERS: usize = 1 << 19;
 #[derive(Debug)]
 pub(super) struct Regression<'a> {
     pub(super) design: &'a Design,
-    pub(super) folds: Option<Folds>,
+    folds: Arc<Option<Folds>>,
     /// The only α there is to try, where it is given.
     fixed: Option<f64>,
 }
@@ -39,23 +41,47 @@ pub(super) struct Unseen {
 
 impl<'a> Regression<'a> {
     pub(super) fn new(design: &'a Design, clips: &[i32], settings: &Settings) -> Self {
-        let (fixed, ridge) = match (settings.on, settings.ridge) {
-            (On::Trained, _) => (Some(0.0), None),
-            (On::Novel, Ridge::Fixed(alpha)) => (Some(alpha), Some(settings.ridge)),
-            (On::Novel, ridge) => (None, Some(ridge)),
+        let folds = Self::folds_of(design, clips, settings);
+        Self::with_folds(design, Arc::new(folds), settings)
+    }
+
+    /// [`Regression::new`] with what [`Regression::folds_of`] gives.
+    pub(super) fn with_folds(
+        design: &'a Design,
+        folds: Arc<Option<Folds>>,
+        settings: &Settings,
+    ) -> Self {
+        let fixed = match (settings.on, settings.ridge) {
+            (On::Trained, _) => Some(0.0),
+            (On::Novel, Ridge::Fixed(alpha)) => Some(alpha),
+            (On::Novel, _) => None,
         };
-        // Without a direction every fit is the mean, and there is nothing to choose.
-        let folds = ridge.filter(|_| design.rank() > 0);
-        let folds = folds.and_then(|ridge| Folds::new(design, clips, ridge));
         Self { design, folds, fixed }
     }
 
+    /// What is left out to choose α; nothing where nothing is chosen, and without a direction,
+    /// when every fit is the mean.
+    pub(super) fn folds_of(design: &Design, clips: &[i32], settings: &Settings) -> Option<Folds> {
+        let asked = settings.on == On::Novel && design.rank() > 0;
+        asked.then(|| Folds::new(design, clips, settings.ridge)).flatten()
+    }
+
+    /// What of the settings [`Regression::folds_of`] depends on.
+    pub(super) fn kind(settings: &Settings) -> Ridge {
+        // Compression leaves nothing out; no α that a user may give is negative.
+        if settings.on == On::Trained { Ridge::Fixed(-1.0) } else { settings.ridge }
+    }
+
+    fn folds(&self) -> Option<&Folds> {
+        (*self.folds).as_ref()
+    }
+
     pub(super) fn absorber(&self) -> Absorber<'_> {
-        Absorber::new(self.design, self.folds.as_ref())
+        Absorber::new(self.design, self.folds())
     }
 
     pub(super) fn moments(&self) -> Moments {
-        Moments::new(self.design, self.folds.as_ref())
+        Moments::new(self.design, self.folds())
     }
 
     /// How many columns to absorb at once.
@@ -68,7 +94,7 @@ impl<'a> Regression<'a> {
     pub(super) fn choose(&self, moments: &Moments, inputs: usize) -> Result<Choice, Error> {
         let alphas = self.fixed.map_or_else(|| grid(self.design), |alpha| vec![alpha]);
         let filters: Vec<Filter> = alphas.iter().map(|&alpha| Filter { alpha, inputs }).collect();
-        let Some(folds) = &self.folds else {
+        let Some(folds) = self.folds() else {
             let alpha = self.fixed.unwrap_or(0.0);
             return Ok(Choice { filter: Filter { alpha, inputs }, curve: Vec::new() });
         };
@@ -90,7 +116,7 @@ impl<'a> Regression<'a> {
     pub(super) fn coarse_groups(&self) -> Vec<usize> {
         let poses = self.design.poses();
         let mut groups = vec![0; poses];
-        if let Some(folds) = &self.folds {
+        if let Some(folds) = self.folds() {
             let most = MOST_GROUPS.min(folds.folds.len());
             for (fold, i) in folds.folds.iter().zip(0..) {
                 let group = i * most / folds.folds.len();
@@ -148,7 +174,7 @@ impl<'a> Regression<'a> {
     }
 
     fn left_out(&self) -> &str {
-        self.folds.as_ref().map_or("", |folds| &folds.description)
+        self.folds().map_or("", |folds| &folds.description)
     }
 }
 
@@ -165,6 +191,7 @@ pub(super) fn summary(design: &Design, inputs: usize, with_directions: bool) -> 
         centre: design.centre.iter().map(|&x| x as f32).collect(),
         deviations: design.s[..inputs].iter().map(|s| (s / degrees.sqrt()) as f32).collect(),
         residual_rms: design.residual_rms(inputs) as f32,
+        reach: None,
         directions: if with_directions { flat.collect() } else { Vec::new() },
     }
 }

@@ -27,6 +27,7 @@ pub(super) struct Source<'a> {
     explained: Option<Explained<'a>>,
     block_points: usize,
     in_flight: usize,
+    keeps_noise: bool,
 }
 
 /// A block of points at all poses.
@@ -56,7 +57,8 @@ impl<'a> Source<'a> {
         let numbers = training.poses() * training.channels() * training.coefficients();
         let block_points = (BLOCK_NUMBERS / numbers).clamp(1, BLOCK_POINTS);
         let in_flight = 2 * rayon::current_num_threads();
-        Ok(Self { training, frame, explained: None, block_points, in_flight })
+        let (explained, keeps_noise) = (None, false);
+        Ok(Self { training, frame, explained, block_points, in_flight, keeps_noise })
     }
 
     /// Removes from now on what needs no learning.
@@ -89,6 +91,25 @@ impl<'a> Source<'a> {
     /// Numbers per point and pose, c: channels × coefficients.
     pub(super) fn width(&self) -> usize {
         self.training.channels() * self.training.coefficients()
+    }
+
+    /// σ² of one number's sampling noise, as far as the data know it and it is not wanted.
+    pub(super) fn noise_variance(&self) -> f64 {
+        let variance = self.training.noise_variance();
+        if self.keeps_noise || !variance.is_finite() { 0.0 } else { variance.max(0.0) }
+    }
+
+    /// The same of one point's numbers; that of all where points are not told apart.
+    pub(super) fn noise_of(&self, point: usize) -> f64 {
+        match self.training.noise_of_points().get(point) {
+            Some(&variance) if !self.keeps_noise => f64::from(variance),
+            _ => self.noise_variance(),
+        }
+    }
+
+    /// From now on the data are what is to be said, noise and all: compression.
+    pub(super) fn keep_noise(&mut self) {
+        self.keeps_noise = true;
     }
 
     /// Calls `use_blocks` with the blocks of all points, in order, a few at a time.

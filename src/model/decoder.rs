@@ -83,6 +83,23 @@ impl Shape {
 }
 
 impl Decoder {
+    /// How many of its numbers do not grow with the points of the mesh.
+    #[must_use]
+    pub fn numbers_of_poses(&self) -> u64 {
+        let count = match self {
+            Self::Mean { .. } | Self::Linear { .. } => 0,
+            Self::PcaLinear { projection, coefficients, .. } => {
+                projection.len() + coefficients.len()
+            }
+            Self::Multilinear(parts) => parts.centres.len() + parts.projection.len(),
+            Self::Clustered(parts) => {
+                let maps = parts.clusters.iter().map(|c| c.weights.len() + c.hidden.len());
+                parts.projection.len() + maps.sum::<usize>()
+            }
+        };
+        count as u64
+    }
+
     /// Which family it belongs to.
     #[must_use]
     pub fn family(&self) -> Family {

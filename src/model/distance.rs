@@ -1,7 +1,9 @@
 //! How far a pose is from the training poses: whether the model extrapolates.
 
+use std::borrow::Cow;
+
 use super::header::field;
-use super::{Error, TrainingSummary};
+use super::{Error, Model, TrainingSummary};
 
 /// Distance of a pose to the training set.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,6 +67,42 @@ impl Subspace {
     }
 }
 
+impl Model {
+    /// The pose as the decoder takes it: drawn towards the centre where it lies beyond the model's
+    /// reach, centre + min(1, reach/m)·(x − centre) with its Mahalanobis distance m.
+    pub(super) fn held<'a>(&self, parameters: &'a [f32]) -> Cow<'a, [f32]> {
+        let Some(reach) = self.header.training.reach else { return Cow::Borrowed(parameters) };
+        let far = self.subspace.distance(parameters).mahalanobis;
+        if far <= reach {
+            return Cow::Borrowed(parameters);
+        }
+        // The distance may be infinite where the pose is all but so.
+        let share = f64::from(reach / far);
+        let drawn =
+            |(&x, &c): (&f32, &f32)| (f64::from(c) + share * (f64::from(x) - f64::from(c))) as f32;
+        Cow::Owned(parameters.iter().zip(&self.header.training.centre).map(drawn).collect())
+    }
+
+    /// Whether the model can tell one pose's distance from another's, and says different things of
+    /// them.
+    #[must_use]
+    pub fn has_distance(&self) -> bool {
+        self.header.family != super::Family::Mean && !self.header.training.deviations.is_empty()
+    }
+
+    /// The same model with another reach, `training.reach` of its header.
+    ///
+    /// # Errors
+    /// A reach that is no number or negative.
+    pub fn with_reach(mut self, reach: Option<f32>) -> Result<Self, Error> {
+        if reach.is_some_and(|reach| !(reach.is_finite() && reach >= 0.0)) {
+            return Err(field("training.reach", "it must be finite and not negative"));
+        }
+        self.header.training.reach = reach;
+        Ok(self)
+    }
+}
+
 /// Gram–Schmidt, twice over for orthogonality to round-off; dependent directions vanish. A blob
 /// in f16 or i8 has directions that are not quite orthonormal.
 fn orthonormal(directions: &[Vec<f64>]) -> Vec<Vec<f64>> {
@@ -107,6 +145,7 @@ mod tests {
             centre: centre.to_vec(),
             deviations: deviations.to_vec(),
             residual_rms: 0.1,
+            reach: None,
             directions: Vec::new(),
         }
     }

@@ -47,6 +47,8 @@ impl Model {
         out: &mut [f32],
     ) -> Result<(), Error> {
         self.check_parameters(parameters)?;
+        let held = self.held(parameters);
+        let parameters = &*held;
         let count = self.check_points(points)?;
         check_length("output", out.len(), count * self.shape.width)?;
         match &*self.core {

@@ -155,7 +155,7 @@ impl Model {
         let (colours, width) = (lights.colours, self.shape.width);
         check_length("output", out.len(), self.shape.points * colours)?;
         if let Core::PcaLinear { .. } = &*self.core {
-            let reduced = self.reduced(Isa::best(), parameters);
+            let reduced = self.reduced(Isa::best(), &self.held(parameters));
             self.expand(&self.factors(&lights, &reduced), colours, out);
             return Ok(());
         }
@@ -276,6 +276,8 @@ impl Folded {
     /// [`Error::Length`], [`Error::NotFinite`] parameters.
     pub fn evaluate(&self, parameters: &[f32], out: &mut [f32]) -> Result<(), Error> {
         self.model.check_parameters(parameters)?;
+        let held = self.model.held(parameters);
+        let parameters = &*held;
         check_length("output", out.len(), self.model.shape.points * self.colours)?;
         let (isa, centre) = (Isa::best(), &self.model.header.training.centre);
         let panels = match &self.factors {

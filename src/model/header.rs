@@ -211,6 +211,12 @@ pub struct TrainingSummary {
     pub deviations: Vec<f32>,
     /// Root mean square over the training poses of the distance to the retained subspace.
     pub residual_rms: f32,
+    /// Mahalanobis distance ([`super::Distance`]) beyond which a pose is drawn towards the centre
+    /// until it is no farther, so that a model does not say of far poses what it only knows of near
+    /// ones: at least 0, which leaves the centre's values alone. Absent where poses are taken as
+    /// they are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reach: Option<f32>,
     /// `[parameter, direction]`, for families without a projection; a tensor in the blob.
     #[serde(skip)]
     pub directions: Vec<f32>,
@@ -349,6 +355,9 @@ impl TrainingSummary {
         }
         if !(self.residual_rms.is_finite() && self.residual_rms >= 0.0) {
             return Err(field("training.residual_rms", "it must be finite and not negative"));
+        }
+        if self.reach.is_some_and(|reach| !(reach.is_finite() && reach >= 0.0)) {
+            return Err(field("training.reach", "it must be finite and not negative"));
         }
         check_finite("training.directions", &self.directions)
     }

@@ -29,9 +29,18 @@ impl Model {
     /// less what occluders block. `ao` stays within its bounds, 0 to 1.
     ///
     /// # Errors
+    /// As [`evaluate_bounded`](Self::evaluate_bounded).
+    pub fn evaluate_posed(&self, input: &PosedInput<'_>, out: &mut [f32]) -> Result<(), Error> {
+        self.evaluate_bounded(input, out).map(drop)
+    }
+
+    /// [`evaluate_posed`](Self::evaluate_posed), telling how far outside its bounds the signal was
+    /// before it was brought within them ([`bound`](Self::bound)).
+    ///
+    /// # Errors
     /// As [`evaluate`](Self::evaluate) and [`to_root_frame`](Self::to_root_frame);
     /// [`Error::NeedsSurface`]; [`Error::NotFinite`] positions or normals.
-    pub fn evaluate_posed(&self, input: &PosedInput<'_>, out: &mut [f32]) -> Result<(), Error> {
+    pub fn evaluate_bounded(&self, input: &PosedInput<'_>, out: &mut [f32]) -> Result<f32, Error> {
         self.evaluate(input.parameters, None, out)?;
         self.to_root_frame(input.bone_rotations, None, out)?;
         if self.needs_surface() {
@@ -49,10 +58,23 @@ impl Model {
                 occluding.seen.subtract(occluders, &centres, surface, kind, out);
             }
         }
-        if self.header.signal == Signal::Ao {
-            out.iter_mut().for_each(|value| *value = value.clamp(0.0, 1.0));
+        Ok(self.bound(out))
+    }
+
+    /// Brings values of the whole signal within its physical bounds, 0 to 1 for `ao` and none for
+    /// harmonics, and tells how far the farthest was outside: 0 where all were within. A pose far
+    /// from the training poses shows in it.
+    pub fn bound(&self, values: &mut [f32]) -> f32 {
+        if self.header.signal != Signal::Ao {
+            return 0.0;
         }
-        Ok(())
+        let mut outside = 0.0_f32;
+        for value in values {
+            let within = value.clamp(0.0, 1.0);
+            outside = outside.max((*value - within).abs());
+            *value = within;
+        }
+        outside
     }
 
     fn check_surface(&self, surface: Surface<'_>) -> Result<(), Error> {

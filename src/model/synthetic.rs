@@ -114,6 +114,7 @@ pub(super) fn header(family: Family, signal: Signal, frame: Frame, channels: u8)
             centre: vec![0.5, -0.25, 0.125, 0.0, 0.1, 0.3],
             deviations: vec![0.75, 0.5][..retained].to_vec(),
             residual_rms: 0.0625,
+            reach: None,
             directions: if own_directions { numbers(9, PARAMETERS * retained) } else { Vec::new() },
         },
         errors: [("rmse".to_owned(), serde_json::json!({"novel": 0.0125}))].into(),

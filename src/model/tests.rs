@@ -364,3 +364,51 @@ proptest! {
         }
     }
 }
+
+/// Proves that a pose within reach is taken as it is, one beyond it as the pose on the way to the
+/// centre that lies at that distance, also where a light is folded; and that without any reach the
+/// centre's values are all there is.
+#[test]
+fn far_poses_are_drawn_to_the_reach() {
+    for model in synthetic::all() {
+        if !model.has_distance() {
+            continue;
+        }
+        let centre = model.header().training.centre.clone();
+        let far: Vec<f32> =
+            centre.iter().zip([3.0, -2.0, 4.0, 1.0, 2.5, -3.0]).map(|(c, x)| c + x).collect();
+        let distance = model.distance(&far).unwrap().mahalanobis;
+        let at = |model: &Model, pose: &[f32]| {
+            let mut out = vec![0.0; model.shape().points * model.shape().width];
+            model.evaluate(pose, None, &mut out).unwrap();
+            out
+        };
+        let near = |a: &[f32], b: &[f32]| {
+            a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4 * (1.0 + b.abs()))
+        };
+        let wide = model.clone().with_reach(Some(2.0 * distance)).unwrap();
+        assert_eq!(at(&wide, &far), at(&model, &far));
+        let half = model.clone().with_reach(Some(0.5 * distance)).unwrap();
+        let drawn: Vec<f32> = centre.iter().zip(&far).map(|(c, x)| c + 0.5 * (x - c)).collect();
+        assert!(near(&at(&half, &far), &at(&model, &drawn)), "{}", model.kind());
+        let none = model.clone().with_reach(Some(0.0)).unwrap();
+        assert!(near(&at(&none, &far), &at(&model, &centre)), "{}", model.kind());
+        assert_eq!(half.distance(&far).unwrap(), model.distance(&far).unwrap());
+        let bytes = half.to_bytes(Precision::F32).unwrap();
+        assert_eq!(at(&Model::from_bytes(&bytes).unwrap(), &far), at(&half, &far));
+        if model.header().signal == Signal::Transfer && model.header().channels == 1 {
+            let light = synthetic::numbers(40, model.header().coefficients());
+            let turns = [Quat::IDENTITY; 3];
+            let shaded = |model: &Model, pose: &[f32]| {
+                let mut out = vec![0.0; model.shape().points];
+                model.fold(&light, &turns).unwrap().evaluate(pose, &mut out).unwrap();
+                let mut turned = out.clone();
+                model.shade(pose, &light, &turns, &mut turned).unwrap();
+                assert!(near(&out, &turned));
+                out
+            };
+            assert!(near(&shaded(&half, &far), &shaded(&model, &drawn)), "{}", model.kind());
+        }
+        assert!(model.with_reach(Some(-1.0)).is_err());
+    }
+}

@@ -145,8 +145,12 @@ fn checked_fit(fit: &FitRecipe, on: OnName) -> Result<fit::Settings, RecipeError
         OnName::Novel => fit::On::Novel,
         OnName::Trained => fit::On::Trained,
     };
+    if let Some(reach) = fit.reach {
+        require((0.0..=1000.0).contains(&reach), "fit.reach", reach, "it must be 0 to 1000")?;
+    }
     let (unshadowed, spheres) = occluders(fit)?;
-    Ok(fit::Settings { family, frame, ridge, on, unshadowed, spheres, seed: fit.seed })
+    let (seed, steps) = (fit.seed, fit::Settings::default().steps);
+    Ok(fit::Settings { family, frame, ridge, on, unshadowed, spheres, seed, steps })
 }
 
 /// Whether the unshadowed part is left out, and how many spheres explain the rest.
@@ -362,6 +366,7 @@ mod tests {
             "fit.retain_outputs"
         );
         assert_eq!(fault(|r| r.fit.spheres = Some(0)), "fit.spheres");
+        assert_eq!(fault(|r| r.fit.reach = Some(f32::NAN)), "fit.reach");
         assert_eq!(fault(|r| r.fit.ridge = RidgeName::Fixed), "fit.alpha");
         assert_eq!(fault(|r| r.target.reference_factor = 7), "target.reference_factor");
         assert_eq!(fault(|r| r.target.reference_poses = 0), "target.reference_poses");

@@ -65,6 +65,8 @@ const INPUTS: &[FamilyName] =
 const OUTPUTS: &[FamilyName] = &[PcaLinear, Occluder, CLUSTERED[0], CLUSTERED[1], CLUSTERED[2]];
 const SHARES: &[FamilyName] = &[PcaLinear, CLUSTERED[0], CLUSTERED[1], CLUSTERED[2]];
 const CLUSTERS: &[FamilyName] = &[Multilinear, CLUSTERED[0], CLUSTERED[1], CLUSTERED[2]];
+const REACHES: &[FamilyName] =
+    &[Linear, PcaLinear, Multilinear, Occluder, CLUSTERED[0], CLUSTERED[1], CLUSTERED[2]];
 const RIDGES: &[FamilyName] =
     &[Linear, PcaLinear, Multilinear, Occluder, CLUSTERED[0], CLUSTERED[1]];
 
@@ -94,6 +96,7 @@ fn stated(fit: &FitRecipe) -> impl Iterator<Item = Stated> {
             f.blend_exponent = FitRecipe::default().blend_exponent;
         }),
         one("fit.neurons", text(fit.neurons), &[ClusteredTanh], |f| f.neurons = None),
+        one("fit.reach", fit.reach.map(|v| v.to_string()), REACHES, |f| f.reach = None),
         one("fit.spheres", text(fit.spheres), &[Occluder], |f| f.spheres = None),
         one("fit.alpha", share(fit.alpha), RIDGES, |f| {
             (f.alpha, f.ridge) = (None, FitRecipe::default().ridge);

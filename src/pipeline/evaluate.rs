@@ -175,7 +175,8 @@ impl Query {
     }
 
     /// Appends the values of the listed vertices, or of all: `[vertex, channel, coefficient]`, or
-    /// `[vertex, colour]` under a light.
+    /// `[vertex, colour]` under a light. Gives how far outside its bounds the signal was before it
+    /// was brought within them, [`Model::bound`]; nothing under a light.
     ///
     /// # Errors
     /// [`EvaluateError::NeedsPose`] under a light; what the model objects to.
@@ -185,21 +186,22 @@ impl Query {
         light: Option<&Light>,
         vertices: Option<&[u32]>,
         out: &mut Vec<f32>,
-    ) -> Result<(), EvaluateError> {
+    ) -> Result<f32, EvaluateError> {
         if light.is_some() && !self.is_turned(model) {
             return Err(EvaluateError::NeedsPose);
         }
-        let points = match light {
+        let (points, outside) = match light {
             None => self.coefficients(model)?,
-            Some(light) => self.shading(model, light)?,
+            Some(light) => (self.shading(model, light)?, 0.0),
         };
-        spread(model, &points, vertices, out)
+        spread(model, &points, vertices, out)?;
+        Ok(outside)
     }
 
     /// `[point, colour]`: at the price of a folded model where the model allows it.
     fn shading(&self, model: &Model, light: &Light) -> Result<Vec<f32>, EvaluateError> {
         if model.needs_surface() {
-            let coefficients = self.coefficients(model)?;
+            let (coefficients, _) = self.coefficients(model)?;
             return Ok(light.shade(&coefficients, usize::from(model.header().channels)));
         }
         let mut out = vec![0.0; model.header().mesh.points as usize * light.colours(model)];
@@ -214,12 +216,13 @@ impl Query {
         Ok(out)
     }
 
-    fn coefficients(&self, model: &Model) -> Result<Vec<f32>, EvaluateError> {
+    fn coefficients(&self, model: &Model) -> Result<(Vec<f32>, f32), EvaluateError> {
         let header = model.header();
         let mut out = vec![0.0; header.mesh.points as usize * header.width()];
         let Some(pose) = &self.pose else {
             model.evaluate(&self.parameters, None, &mut out)?;
-            return Ok(out);
+            let outside = model.bound(&mut out);
+            return Ok((out, outside));
         };
         let surface = self
             .surface
@@ -230,8 +233,8 @@ impl Query {
             bone_rotations: &model.bone_rotations_of(pose)?,
             surface,
         };
-        model.evaluate_posed(&input, &mut out)?;
-        Ok(out)
+        let outside = model.evaluate_bounded(&input, &mut out)?;
+        Ok((out, outside))
     }
 }
 

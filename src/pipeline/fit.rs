@@ -83,6 +83,43 @@ pub(super) fn fit_part(
     keep: Option<&[usize]>,
     stop: Option<&AtomicBool>,
 ) -> Result<FittedModel, Error> {
+    let (checked, settings) = settings_for(dataset, recipe)?;
+    let start = Instant::now();
+    let (training, rig) = encoding::training(dataset, recipe, left_out)?;
+    let job = (settings.unshadowed || settings.spheres.is_some()).then(|| super::job_of(dataset));
+    let job = job.transpose()?;
+    let mut geometry = job.as_ref().map(|job| geometry(job, left_out));
+    let training = match keep {
+        Some(keep) => training.only(keep),
+        None => training,
+    };
+    let training = match stop {
+        Some(stop) => training.stopped_by(stop),
+        None => training,
+    };
+    if let (Some(keep), Some(geometry)) = (keep, &mut geometry) {
+        geometry.poses = keep.iter().map(|&i| geometry.poses[i]).collect();
+    }
+    let shared = fit::Shared::default();
+    let fitted = fit_sizes(&training, settings, recipe, geometry.as_ref(), &shared)?;
+    let fit_s = start.elapsed().as_secs_f64();
+    let mesh = dataset.mesh();
+    let assembled = Assembled {
+        rig,
+        bone_of_point: mesh.bone_of_point.clone(),
+        point_of_vertex: mesh.point_of_vertex.clone(),
+        is_part: false,
+    };
+    let report = fitted.report.clone();
+    let model = assemble(dataset, recipe, (&checked, settings), fitted, assembled)?;
+    Ok(FittedModel { model, report, fit_s })
+}
+
+/// The settings of a recipe's fit to a data set.
+pub(super) fn settings_for(
+    dataset: &Dataset,
+    recipe: &Recipe,
+) -> Result<(Checked, fit::Settings), Error> {
     let checked = Checked::new(recipe)?;
     let mut settings = checked.fit;
     if dataset.header().layout.parameters == 0 {
@@ -100,46 +137,53 @@ pub(super) fn fit_part(
             outputs: recipe.fit.outputs.unwrap_or(DEFAULT_OUTPUTS) as usize,
         };
     }
-    let start = Instant::now();
-    let (training, rig) = encoding::training(dataset, recipe, left_out)?;
-    let job = (settings.unshadowed || settings.spheres.is_some()).then(|| super::job_of(dataset));
-    let job = job.transpose()?;
-    let mut geometry = job.as_ref().map(|job| geometry(job, left_out));
-    let training = match keep {
-        Some(keep) => training.only(keep),
-        None => training,
-    };
-    let training = match stop {
-        Some(stop) => training.stopped_by(stop),
-        None => training,
-    };
-    if let (Some(keep), Some(geometry)) = (keep, &mut geometry) {
-        geometry.poses = keep.iter().map(|&i| geometry.poses[i]).collect();
-    }
-    let fitted = fit_sizes(&training, settings, recipe, geometry.as_ref())?;
-    let fit_s = start.elapsed().as_secs_f64();
-    let Fitted { decoder, training, report, occluders } = fitted;
+    Ok((checked, settings))
+}
+
+/// The mesh that a fit's numbers belong to.
+pub(super) struct Assembled {
+    pub(super) rig: RigHeader,
+    pub(super) bone_of_point: Vec<u16>,
+    pub(super) point_of_vertex: Vec<u32>,
+    /// Whether these are only some of the scene's points.
+    pub(super) is_part: bool,
+}
+
+/// A model of what a fit found.
+pub(super) fn assemble(
+    dataset: &Dataset,
+    recipe: &Recipe,
+    (checked, settings): (&Checked, fit::Settings),
+    fitted: Fitted,
+    mesh: Assembled,
+) -> Result<Model, Error> {
+    let Fitted { decoder, training, occluders, .. } = fitted;
     let kind = (decoder.family(), settings.frame);
-    let mut header = header(dataset, recipe, &checked, (training, rig), kind);
+    let mut header = header(dataset, recipe, checked, (training, mesh.rig), kind);
     header.unshadowed = settings.unshadowed;
-    let mesh = dataset.mesh();
-    let bones = mesh.bone_of_point.clone();
-    let mut model = Model::new(header, decoder, mesh.point_of_vertex.clone(), bones)?;
-    if let Some(occluders) = occluders {
-        model = model.with_occluders(occluders)?;
+    header.training.reach = recipe.fit.reach;
+    if mesh.is_part {
+        header.mesh.parts.clear();
+        header.mesh.vertices = mesh.point_of_vertex.len() as u32;
+        header.mesh.points = mesh.bone_of_point.len() as u32;
     }
-    Ok(FittedModel { model, report, fit_s })
+    let model = Model::new(header, decoder, mesh.point_of_vertex, mesh.bone_of_point)?;
+    Ok(match occluders {
+        Some(occluders) => model.with_occluders(occluders)?,
+        None => model,
+    })
 }
 
 /// Sizes that nobody asked for give way to what the data have.
-fn fit_sizes(
-    training: &Training,
+pub(super) fn fit_sizes(
+    training: &Training<'_>,
     mut settings: fit::Settings,
     recipe: &Recipe,
     geometry: Option<&fit::Geometry<'_>>,
+    shared: &fit::Shared,
 ) -> Result<Fitted, Error> {
     loop {
-        let error = match fit::fit_posed(training, &settings, geometry) {
+        let error = match fit::fit_shared(training, &settings, geometry, shared) {
             Ok(fitted) => return Ok(fitted),
             Err(error) => error,
         };
@@ -163,7 +207,7 @@ fn fit_sizes(
 }
 
 /// The job's mesh at its training poses.
-fn geometry<'a>(job: &'a Job, left_out: &[i32]) -> fit::Geometry<'a> {
+pub(super) fn geometry<'a>(job: &'a Job, left_out: &[i32]) -> fit::Geometry<'a> {
     let training =
         job.poses.samples.iter().filter(|sample| encoding::is_training(sample, left_out));
     fit::Geometry {

@@ -40,6 +40,8 @@ mod subset;
 mod surroundings;
 mod timing;
 mod tradeoff;
+mod validation;
+mod workbench;
 
 pub use crate::dataset::Dataset;
 pub use bake::{Baked, bake, bake_from};
@@ -64,7 +66,7 @@ pub use plan::{Plan, memory_bytes, plan};
 pub use progress::{Progress, Stage, Watch};
 pub use reference::{ReferenceBaked, bake_reference, job_of, rays_per_point};
 pub use run::{DATASET, FIGURES, MODEL, Outcome, RECIPE, REPORT, examine, meets_target, run};
-pub use search::{Searched, VALIDATION, search};
+pub use search::{Searched, VALIDATION, exhaustive, search};
 pub use still::{
     MOST_STILL_FRAMES, STILL_SIZES, Still, StillError, StillPicture, spread_times, still,
 };

@@ -1,19 +1,23 @@
 //! The choice by target: candidates are judged on training clips that their fit did not see, the
 //! simplest that meets the target is fitted again to all of them.
 //!
+//! Two rounds: all candidates at some of the points, where fits share what they have in common
+//! ([`super::workbench`]), then the best of them as they are. [`exhaustive`] is the second round for
+//! all, which the first is measured against.
+//!
 //! *Invariant:* held-out clips have no say; they only confirm what was chosen.
 
 use std::time::Instant;
 
 use super::candidates::CandidateRecipe;
-use super::measure::predict;
 use super::progress::{Progress, Stage, Watch};
 use super::recipe::{PrecisionName, Recipe};
-use super::tradeoff::point;
-use super::{Error, FittedModel, encoding, fit, fit_part, timing};
+use super::validation::Validation;
+use super::workbench::{Tried, Workbench, reaches};
+use super::{Error, FittedModel, fit};
 use crate::choose::{Choice, Point, Shares, SplitError, Target, decide, front};
-use crate::dataset::{Dataset, Training};
-use crate::model::{Model, Precision};
+use crate::dataset::Dataset;
+use crate::model::Precision;
 
 /// The split of the points of a search.
 pub const VALIDATION: &str = "validation";
@@ -25,12 +29,17 @@ const MOST_FOLDS: usize = 3;
 /// candidate of no more bytes.
 const HOPELESS: f64 = 1.25;
 
+/// Candidates of the second round.
+const FINALISTS: usize = 4;
+
 /// What a search found.
 #[derive(Debug)]
 pub struct Searched {
-    /// Every candidate in every precision that was looked at to the end, its error under
-    /// [`VALIDATION`].
+    /// The candidates of the second round in every precision, their error under [`VALIDATION`].
     pub points: Vec<Point>,
+    /// The other candidates that were looked at to the end, their sizes, times and errors
+    /// estimated from some of the points.
+    pub estimates: Vec<Point>,
     /// Index of the point of choice.
     pub chosen: usize,
     /// Whether it meets the target on the validation poses.
@@ -55,6 +64,8 @@ struct Entry<'a> {
     points: Vec<Point>,
     /// Mean square error of each point in each fold.
     squares: Vec<Vec<f64>>,
+    /// The first point's with each reach, in each fold; empty where none was tried.
+    held: Vec<Vec<f64>>,
 }
 
 /// Chooses among candidates.
@@ -69,45 +80,122 @@ pub fn search(
     watch: &Watch,
 ) -> Result<Searched, Error> {
     let start = Instant::now();
-    let training = dataset.training()?;
-    let (folds, left_out) = folds(training.clips());
-    let bench = Bench::new(dataset, &training);
-    let mut entries: Vec<Entry<'_>> = candidates
-        .iter()
-        .map(|candidate| Entry { candidate, points: Vec::new(), squares: Vec::new() })
-        .collect();
-    let total = (entries.len() * folds.len()) as u64;
-    let mut done = 0;
+    let bench = Workbench::new(dataset, candidates)?;
+    let (folds, left_out) = folds(bench.clips());
+    let mut entries = entries(candidates);
+    let mut count = Count::new(start, (entries.len() * folds.len()) as u64);
     for (index, fold) in folds.iter().enumerate() {
+        let without = bench.without(fold);
         for entry in &mut entries {
-            if watch.is_cancelled() {
-                let when = format!("after {done} of {total} trials");
-                return Err(Error::Stopped { when });
-            }
-            match entry.validate(&bench, fold) {
-                // Sizes that the data do not have leave the candidate without points.
-                Err(Error::Fit(_) | Error::Model(_)) | Ok(()) => {}
-                Err(other) => return Err(other),
-            }
-            done += 1;
-            let elapsed_s = start.elapsed().as_secs_f64();
-            (watch.report)(Progress { stage: Stage::Measure, done, total, rays: 0, elapsed_s });
+            entry.take(without.try_out(entry.candidate), watch, &mut count)?;
         }
         entries.retain(|entry| entry.squares.len() == index + 1);
         if index == 0 {
             drop_hopeless(&mut entries);
         }
     }
-    conclude(dataset, &entries, target, left_out, start)
+    drop(bench);
+    entries.iter_mut().for_each(Entry::hold);
+    let best = best(&entries, target, FINALISTS);
+    let finalists: Vec<CandidateRecipe> = best.iter().map(|&i| entries[i].reaching()).collect();
+    let others = entries.iter().enumerate().filter(|(i, _)| !best.contains(i));
+    let estimates = others.flat_map(|(_, entry)| entry.finished()).collect();
+    let exact = exactly(dataset, &finalists, watch, start)?;
+    conclude((dataset, target, start), &exact, estimates, left_out)
+}
+
+/// Every candidate fitted to all points without each group of clips: the points in every
+/// precision, and the wall time, seconds. What [`search`] estimates.
+///
+/// # Errors
+/// As [`search`].
+pub fn exhaustive(
+    dataset: &Dataset,
+    candidates: &[CandidateRecipe],
+    watch: &Watch,
+) -> Result<(Vec<Point>, f64), Error> {
+    let start = Instant::now();
+    let entries = exactly(dataset, candidates, watch, start)?;
+    let points = entries.iter().flat_map(Entry::finished).collect();
+    Ok((points, start.elapsed().as_secs_f64()))
+}
+
+fn exactly<'a>(
+    dataset: &Dataset,
+    candidates: &'a [CandidateRecipe],
+    watch: &Watch,
+    start: Instant,
+) -> Result<Vec<Entry<'a>>, Error> {
+    let bench = Validation::new(dataset)?;
+    let (folds, _) = folds(&bench.clips);
+    let mut entries = entries(candidates);
+    let mut count = Count::new(start, (entries.len() * folds.len()) as u64);
+    for (index, fold) in folds.iter().enumerate() {
+        for entry in &mut entries {
+            let time = entry.points.first().map(|point| point.evaluate_us);
+            entry.take(bench.try_out(entry.candidate, fold, time), watch, &mut count)?;
+        }
+        entries.retain(|entry| entry.squares.len() == index + 1);
+    }
+    Ok(entries)
+}
+
+fn entries(candidates: &[CandidateRecipe]) -> Vec<Entry<'_>> {
+    let entry =
+        |candidate| Entry { candidate, points: Vec::new(), squares: Vec::new(), held: Vec::new() };
+    candidates.iter().map(entry).collect()
+}
+
+/// What is done of a round.
+struct Count {
+    start: Instant,
+    done: u64,
+    total: u64,
+}
+
+impl Count {
+    fn new(start: Instant, total: u64) -> Self {
+        Self { start, done: 0, total }
+    }
+
+    fn step(&mut self, watch: &Watch) -> Result<(), Error> {
+        let (done, total) = (self.done, self.total);
+        if watch.is_cancelled() {
+            let when = format!("after {done} of {total} trials");
+            return Err(Error::Stopped { when });
+        }
+        self.done += 1;
+        let elapsed_s = self.start.elapsed().as_secs_f64();
+        let done = self.done;
+        (watch.report)(Progress { stage: Stage::Measure, done, total, rays: 0, elapsed_s });
+        Ok(())
+    }
+}
+
+/// The entries that the target would choose, one after another, each without those before it.
+fn best(entries: &[Entry<'_>], target: &Target, count: usize) -> Vec<usize> {
+    let mut rest: Vec<(usize, Point)> = (entries.iter().enumerate())
+        .flat_map(|(i, entry)| entry.finished().into_iter().map(move |point| (i, point)))
+        .collect();
+    let mut chosen = Vec::new();
+    while chosen.len() < count {
+        let points: Vec<Point> = rest.iter().map(|(_, point)| point.clone()).collect();
+        let Some(Choice::Met(at) | Choice::Missed(at)) = decide(&points, VALIDATION, target) else {
+            break;
+        };
+        let entry = rest[at].0;
+        chosen.push(entry);
+        rest.retain(|(i, _)| *i != entry);
+    }
+    chosen
 }
 
 /// The decision, and the fit to everything.
 fn conclude(
-    dataset: &Dataset,
+    (dataset, target, start): (&Dataset, &Target, Instant),
     entries: &[Entry<'_>],
-    target: &Target,
+    estimates: Vec<Point>,
     left_out: String,
-    start: Instant,
 ) -> Result<Searched, Error> {
     let points: Vec<Point> = entries.iter().flat_map(Entry::finished).collect();
     let of_point = entries.iter().flat_map(|e| e.points.iter().map(move |_| e.candidate));
@@ -128,7 +216,18 @@ fn conclude(
     let square = points[chosen].errors.get(VALIDATION).map_or(0.0, |error| error.rms.powi(2));
     let shares = shares(dataset, &fitted, square)?;
     let search_s = start.elapsed().as_secs_f64();
-    Ok(Searched { points, chosen, met, shares, fitted, recipe, precision, left_out, search_s })
+    Ok(Searched {
+        points,
+        estimates,
+        chosen,
+        met,
+        shares,
+        fitted,
+        recipe,
+        precision,
+        left_out,
+        search_s,
+    })
 }
 
 /// Groups of training poses that are left out in turn: whole clips where there are at least two.
@@ -148,27 +247,49 @@ fn folds(clips: &[i32]) -> (Vec<Vec<usize>>, String) {
 }
 
 impl Entry<'_> {
-    /// Fits without a fold and adds the errors on it.
-    fn validate(&mut self, bench: &Bench<'_>, fold: &[usize]) -> Result<(), Error> {
-        let keep: Vec<usize> = (0..bench.poses.len()).filter(|pose| !fold.contains(pose)).collect();
-        let fitted = fit_part(bench.dataset, &self.candidate.recipe, &[], Some(&keep), None)?;
-        let time = self.points.first().map(|point| point.evaluate_us);
-        let evaluate_us = match time {
-            Some(time) => time,
-            None => timing::evaluate(&fitted.model, bench.dataset)?.all_us,
-        };
-        let mut squares = Vec::new();
-        let mut points = Vec::new();
-        let mut models = Vec::new();
-        for &precision in Precision::ALL {
-            let (point, model) = point(self.candidate, &fitted, precision, evaluate_us)?;
-            points.push(point);
-            models.push(model);
+    /// Adds what was found in a fold. Sizes that the data do not have leave it without.
+    fn take(
+        &mut self,
+        tried: Result<Tried, Error>,
+        watch: &Watch,
+        count: &mut Count,
+    ) -> Result<(), Error> {
+        match tried {
+            Ok(Tried { points, squares, held }) => {
+                self.points = points;
+                self.squares.push(squares);
+                self.held.push(held);
+            }
+            Err(Error::Fit(_) | Error::Model(_)) => {}
+            Err(other) => return Err(other),
         }
-        squares.extend(bench.mean_squares(&models, fold)?);
-        self.points = points;
-        self.squares.push(squares);
-        Ok(())
+        count.step(watch)
+    }
+
+    /// Takes the reach into account that does best over all folds.
+    fn hold(&mut self) {
+        let Some((_, share)) = self.reach() else { return };
+        self.squares.iter_mut().flatten().for_each(|square| *square *= share);
+    }
+
+    /// The reach of least error over all folds, where one is better than none by a hundredth, and
+    /// the share of the mean square error that it leaves.
+    fn reach(&self) -> Option<(f32, f64)> {
+        let tried = self.held.iter().map(Vec::len).min()?;
+        let sum = |i: usize| self.held.iter().map(|fold| fold[i].max(0.0)).sum::<f64>();
+        let none = sum(0).max(f64::MIN_POSITIVE);
+        let shares = reaches().take(tried).enumerate().skip(1);
+        let shares = shares.filter_map(|(i, reach)| Some((reach?, sum(i) / none)));
+        shares.filter(|(_, share)| *share < 0.99).min_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    /// The candidate with its reach.
+    fn reaching(&self) -> CandidateRecipe {
+        let mut candidate = self.candidate.clone();
+        if let Some((reach, _)) = self.reach() {
+            candidate.recipe.fit.reach = Some(reach);
+        }
+        candidate
     }
 
     fn finished(&self) -> Vec<Point> {
@@ -204,45 +325,6 @@ fn drop_hopeless(entries: &mut Vec<Entry<'_>>) {
         error <= HOPELESS * rivals.fold(f64::INFINITY, f64::min)
     };
     entries.retain(|entry| all(entry).iter().any(near));
-}
-
-/// Training data as validation data.
-struct Bench<'a> {
-    dataset: &'a Dataset,
-    /// Index in the data set of every training pose.
-    poses: Vec<usize>,
-    noise_variance: f64,
-}
-
-impl<'a> Bench<'a> {
-    fn new(dataset: &'a Dataset, training: &Training<'_>) -> Self {
-        let splits = dataset.splits().iter().enumerate();
-        let poses = splits.filter(|(_, split)| **split == 0).map(|(pose, _)| pose).collect();
-        Self { dataset, poses, noise_variance: training.noise_variance() }
-    }
-
-    /// Mean square error of models of one fit on training poses, less the noise of the data.
-    fn mean_squares(&self, models: &[Model], fold: &[usize]) -> Result<Vec<f64>, Error> {
-        let Some(first) = models.first() else { return Ok(Vec::new()) };
-        let layout = &self.dataset.header().layout;
-        let numbers = layout.points * layout.row();
-        let parameters = encoding::parameters(first, self.dataset)?;
-        let job = first.needs_surface().then(|| super::job_of(self.dataset)).transpose()?;
-        let (mut truth, mut found) = (vec![0.0; numbers], vec![0.0; numbers]);
-        let mut sums = vec![0.0_f64; models.len()];
-        for &pose in fold {
-            let pose = self.poses[pose];
-            self.dataset.read_points(&[pose], 0..layout.points, &mut truth)?;
-            let surface = job.as_ref().map(|job| job.surface(pose));
-            for (model, sum) in models.iter().zip(&mut sums) {
-                predict(model, self.dataset, &parameters, (pose, surface.as_ref()), &mut found)?;
-                let errors = found.iter().zip(&truth).map(|(y, t)| f64::from(y - t).powi(2));
-                *sum += errors.sum::<f64>();
-            }
-        }
-        let count = (fold.len() * numbers).max(1) as f64;
-        Ok(sums.into_iter().map(|sum| sum / count - self.noise_variance).collect())
-    }
 }
 
 /// Splits the mean square error: what noise leaves in so many degrees of freedom, what the fit

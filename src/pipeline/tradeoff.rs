@@ -111,7 +111,7 @@ pub(super) fn point(
     let model = Model::from_bytes(&blob)?;
     let header = model.header();
     let tensor_bytes = model.sizes(precision).decoder;
-    let mesh_bytes = u64::from(header.mesh.points) * header.width() as u64 * 4;
+    let numbers = header.mesh.points as usize * header.width();
     let recipe = &candidate.recipe;
     let point = Point {
         name: point_name(&candidate.name, precision),
@@ -124,13 +124,18 @@ pub(super) fn point(
             .unwrap_or_default(),
         bytes: blob.len() as u64,
         tensor_bytes,
-        mesh_percent: 100.0 * tensor_bytes as f64 / mesh_bytes as f64,
+        mesh_percent: mesh_percent(tensor_bytes, numbers),
         evaluate_us,
         multiply_adds: model.multiply_adds(),
         fit_s: fitted.fit_s,
         errors: BTreeMap::new(),
     };
     Ok((point, model))
+}
+
+/// Bytes in per cent of one mesh's numbers in f32.
+pub(super) fn mesh_percent(tensor_bytes: u64, numbers: usize) -> f64 {
+    100.0 * tensor_bytes as f64 / (numbers * size_of::<f32>()) as f64
 }
 
 /// The family that the recipe names: what a model is made of may go by another name.

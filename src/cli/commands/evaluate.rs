@@ -19,28 +19,32 @@ pub(in crate::cli) fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Answer> {
     };
     let light = args.light.as_deref().map(|path| read_light(&model, path)).transpose()?;
     let mut values = Vec::new();
-    let mut furthest = (0.0_f32, 0.0_f32);
+    let (mut furthest, mut outside) = ((0.0_f32, 0.0_f32), 0.0_f32);
     for query in &queries {
         let distance = query.distance(&model)?;
         furthest = (furthest.0.max(distance.mahalanobis), furthest.1.max(distance.residual));
-        query.values(&model, light.as_ref(), None, &mut values)?;
+        outside = outside.max(query.values(&model, light.as_ref(), None, &mut values)?);
     }
     let shape = shape(&model, queries.len(), light.as_ref());
     arrays::write_npy(&args.output, &shape, &values)?;
     let turned = queries.iter().all(|query| query.is_turned(&model));
     let frame = if turned { "root" } else { "bone" };
-    let text = format!(
+    let mut text = format!(
         "{} {shape:?} in the {frame} frame; furthest from the training poses: {:.2} deviations within, {:.4} outside of their span",
         args.output.display(),
         furthest.0,
         furthest.1
     );
+    if outside > 0.0 {
+        text += &format!("; brought within [0, 1] from up to {outside:.4} outside");
+    }
     let json = json!({
         "output": args.output,
         "shape": shape,
         "frame": frame,
         "mahalanobis_max": furthest.0,
         "residual_max": furthest.1,
+        "outside_max": outside,
     });
     Ok(Answer::new(text, json))
 }

@@ -95,7 +95,7 @@ fn choose(
         "{}\n  {} of {} candidates in {}: {}, {} µs a pose; RMSE {:.5} leaving out {}\n{}",
         args.output.display(),
         if met { "the simplest that meets the target" } else { "the best that was reached" },
-        found.points.len(),
+        found.points.len() + found.estimates.len(),
         units::seconds(found.search_s),
         point.name,
         point.evaluate_us.round(),
@@ -117,6 +117,7 @@ fn choose(
         "remedy": if met { None } else { Some(remedy) },
         "search_s": found.search_s,
         "points": found.points,
+        "estimates": found.estimates,
         "figures": figures,
     });
     let mut answer = Answer::new(text, json);

@@ -72,6 +72,7 @@ fn training_has_no_held_out_pose() {
         bone_rotations: training.bone_rotations().to_vec(),
         point_bones: training.point_bones().to_vec(),
         noise_variance: variance,
+        noise_of_points: Vec::new(),
         values: poses.iter().flat_map(|&index| pose(&LAYOUT, index).coefficients).collect(),
     });
     let (mut stored, mut copied) = (vec![0.0; 6 * 3 * 4], vec![1.0; 6 * 3 * 4]);

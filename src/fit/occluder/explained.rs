@@ -24,7 +24,7 @@ pub(in crate::fit) struct Explained<'a> {
 }
 
 /// Occluders with their places in all poses.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(in crate::fit) struct Placed {
     pub(in crate::fit) occluders: Occluders,
     /// `[pose, sphere]`, root frame.

@@ -32,6 +32,9 @@ const MOST_FOLDS: usize = 6;
 const PENALTIES: [f64; 13] =
     [1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0, 1e4];
 
+/// Points that penalties are tried at, at most.
+const TRIED_POINTS: usize = 2048;
+
 /// The moments of one point: of all poses, and for each fold those of the others and its own,
 /// both about the means of the others.
 struct PointMoments {
@@ -273,7 +276,7 @@ impl Solver {
         if moments.first().is_none_or(|point| point.folds.is_empty()) {
             return (1.0, None);
         }
-        let energy = |penalty: f64| -> f64 {
+        let energy = |penalty: f64, step: usize| -> f64 {
             let of_point = |point: &PointMoments| -> f64 {
                 let folds = point.folds.iter().zip(&self.shared_folds);
                 folds
@@ -283,11 +286,13 @@ impl Solver {
                     .sum()
             };
             // Collected first: the order of a sum must not depend on the threads.
-            moments.par_iter().map(of_point).collect::<Vec<f64>>().iter().sum()
+            moments.par_iter().step_by(step).map(of_point).collect::<Vec<f64>>().iter().sum()
         };
-        let tried = PENALTIES.map(|penalty| (penalty, energy(penalty)));
+        // One penalty for all points: some of them say which.
+        let step = moments.len().div_ceil(TRIED_POINTS).max(1);
+        let tried = PENALTIES.map(|penalty| (penalty, energy(penalty, step)));
         let best = tried.into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
-        best.map_or((1.0, None), |(penalty, energy)| (penalty, Some(energy)))
+        best.map_or((1.0, None), |(penalty, _)| (penalty, Some(energy(penalty, 1))))
     }
 }
 

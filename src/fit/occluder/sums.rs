@@ -116,32 +116,38 @@ impl Moments {
     /// vanishes (a group that nothing tells from others) leaves its weight at the prior.
     pub(super) fn solve(&self, prior: &[f64], penalty: &[f64]) -> Vec<f64> {
         let n = self.cross.len();
-        let gram = |i: usize, j: usize| self.gram[packed(i.max(j)) + i.min(j)];
-        let mut factor = vec![0.0; packed(n)];
-        let mut x: Vec<f64> = (0..n)
-            .map(|i| self.cross[i] - (0..n).map(|j| gram(i, j) * prior[j]).sum::<f64>())
-            .collect();
-        let largest = self.diagonal().iter().chain(penalty).fold(0.0, |a: f64, &b| a.max(b));
+        let row = |i: usize| packed(i)..packed(i + 1);
+        let mut x = self.cross.clone();
         for i in 0..n {
-            for j in 0..=i {
-                let known: f64 =
-                    (0..j).map(|k| factor[packed(i) + k] * factor[packed(j) + k]).sum();
-                let own = if i == j { penalty[i] } else { 0.0 };
-                let rest = gram(i, j) + own - known;
-                factor[packed(i) + j] = if i == j {
-                    if rest > 1e-12 * largest { rest.sqrt() } else { f64::INFINITY }
-                } else {
-                    rest / factor[packed(j) + j]
-                };
+            let own = &self.gram[row(i)];
+            for (j, g) in own.iter().enumerate() {
+                x[i] -= g * prior[j];
+                if j < i {
+                    x[j] -= g * prior[i];
+                }
             }
         }
+        let largest = self.diagonal().iter().chain(penalty).fold(0.0, |a: f64, &b| a.max(b));
+        let mut factor = self.gram.clone();
         for i in 0..n {
-            let known: f64 = (0..i).map(|k| factor[packed(i) + k] * x[k]).sum();
-            x[i] = (x[i] - known) / factor[packed(i) + i];
+            let (done, rest) = factor.split_at_mut(packed(i));
+            let own = &mut rest[..i + 1];
+            for j in 0..i {
+                let other = &done[row(j)];
+                own[j] = (own[j] - dot(&own[..j], &other[..j])) / other[j];
+            }
+            let left = own[i] + penalty[i] - dot(&own[..i], &own[..i]);
+            own[i] = if left > 1e-12 * largest { left.sqrt() } else { f64::INFINITY };
+        }
+        for i in 0..n {
+            let own = &factor[row(i)];
+            x[i] = (x[i] - dot(&own[..i], &x[..i])) / own[i];
         }
         for i in (0..n).rev() {
-            let known: f64 = (i + 1..n).map(|k| factor[packed(k) + i] * x[k]).sum();
-            x[i] = (x[i] - known) / factor[packed(i) + i];
+            let own = &factor[row(i)];
+            x[i] /= own[i];
+            let solved = x[i];
+            x[..i].iter_mut().zip(own).for_each(|(x, l)| *x -= l * solved);
         }
         x.iter().zip(prior).map(|(x, prior)| x + prior).collect()
     }
@@ -160,6 +166,10 @@ impl Moments {
         }
         sum.max(0.0)
     }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 #[cfg(test)]

@@ -95,6 +95,7 @@ impl Puppet {
             bone_rotations: self.turns(),
             point_bones: self.bones.of_point.clone(),
             noise_variance: 0.0,
+            noise_of_points: Vec::new(),
             values,
         })
     }

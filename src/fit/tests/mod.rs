@@ -6,6 +6,7 @@ mod families;
 mod frames;
 mod left_out;
 mod local;
+mod shared;
 
 use glam::Quat;
 
@@ -52,6 +53,7 @@ fn synthetic(sizes: Sizes, noise: f64, seed: u64) -> TrainingParts {
         bone_rotations: vec![Quat::IDENTITY; poses],
         point_bones: vec![0; points],
         noise_variance: noise * noise,
+        noise_of_points: Vec::new(),
         values,
     }
 }

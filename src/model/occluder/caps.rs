@@ -27,6 +27,31 @@ pub struct View {
     pub cosine: Lanes,
 }
 
+/// Adds gain · [`View::occlusion`] of a sphere (centre and radius) to the sums, in one pass that
+/// keeps everything in registers: where only the scalar is asked for.
+#[inline(always)]
+pub fn add_occlusion(
+    position: &[Lanes; 3],
+    normal: &[Lanes; 3],
+    (centre, radius): ([f32; 3], f32),
+    gain: &Lanes,
+    sums: &mut Lanes,
+) {
+    let least = CENTRE * radius * radius;
+    for i in 0..LANES {
+        let [x, y, z] = [0, 1, 2].map(|axis| centre[axis] - position[axis][i]);
+        let along = x * normal[0][i] + y * normal[1][i] + z * normal[2][i];
+        let inverse = 1.0 / (x * x + y * y + z * z + least).sqrt();
+        let (s, c) = (radius * inverse, along * inverse);
+        // Comparisons rather than `min` and `max`, whose care for NaN takes three instructions.
+        let s = if s < 1.0 { s } else { 1.0 };
+        let soft = if c + s > 0.0 { c + s } else { 0.0 };
+        let soft = if soft < 2.0 * s { soft } else { 2.0 * s };
+        let above = if c > s { c - s } else { 0.0 };
+        sums[i] += gain[i] * (s * (0.25 * soft * soft + s * above));
+    }
+}
+
 impl View {
     /// `position` and `normal` by axis. `None` where the sphere is below the horizon of all points
     /// (c + s ≤ 0), so that it blocks nothing: found out before any root is taken.

@@ -137,6 +137,70 @@ fn evaluation_is_the_definition() {
     }
 }
 
+/// Proves against every pair of point and sphere on its own, in f64 and with nothing passed over,
+/// that what is passed over blocks nothing: for scalars and harmonics, points near, far and inside,
+/// and whichever pose the points were ordered in.
+#[test]
+fn passing_over_changes_nothing() {
+    let (points, spheres) = (203, 53);
+    let mut stream = crate::num::random::Stream::new(31);
+    let mut vector =
+        |scale: f64| Vec3::from_array([(); 3].map(|()| (scale * stream.normal()) as f32));
+    let positions: Vec<Vec3> = (0..points).map(|_| vector(0.4)).collect();
+    let normals: Vec<Vec3> = (0..points).map(|_| vector(1.0).normalize()).collect();
+    let centres: Vec<Vec3> = (0..spheres).map(|_| vector(0.5)).collect();
+    let bones: Vec<u16> = (0..points).map(|point| (point % 3) as u16).collect();
+    let occluders = Occluders {
+        radii: (0..spheres).map(|q| 0.02 + 0.005 * q as f32).collect(),
+        group_of: (0..3 * spheres).map(|i| (i % 4) as u8).collect(),
+        weights: (0..points * 4).map(|i| 0.5 + (i % 7) as f32 * 0.1).collect(),
+        ..Occluders::default()
+    };
+    let seen = Seen::new(&occluders, &bones);
+    let surface = Surface { positions: &positions, normals: &normals };
+    let elsewhere: Vec<Vec3> = positions.iter().rev().copied().collect();
+    let warm = Surface { positions: &elsewhere, normals: &normals };
+    let scalar = (Signal::Ao, Order::new(1).unwrap());
+    seen.subtract(&occluders, &centres, warm, scalar, &mut vec![0.0; points]);
+    for signal in [Signal::Ao, Signal::Transfer, Signal::Visibility] {
+        let kind = (signal, Order::new(3).unwrap());
+        let width = signal.coefficients(kind.1);
+        let mut out = vec![0.0; points * width];
+        seen.subtract(&occluders, &centres, surface, kind, &mut out);
+        for (point, row) in out.chunks_exact(width).enumerate() {
+            let mut expected = vec![0.0_f64; width];
+            for (sphere, &centre) in centres.iter().enumerate() {
+                let group = usize::from(occluders.group_of[(point % 3) * spheres + sphere]);
+                let weight = occluders.weights[point * 4 + group];
+                let offset = (centre - positions[point]).as_dvec3();
+                let (radius, normal) = (f64::from(occluders.radii[sphere]), normals[point]);
+                if signal == Signal::Ao {
+                    let distance = offset.length();
+                    let s = (radius / distance).min(1.0);
+                    let c = offset.dot(normal.as_dvec3()) / distance;
+                    let soft = (c + s).clamp(0.0, 2.0 * s);
+                    let blocked = s * (0.25 * soft * soft + s * (c - s).max(0.0));
+                    expected[0] += f64::from(weight) * blocked;
+                    continue;
+                }
+                let lanes = |v: Vec3| [0, 1, 2].map(|axis| [v[axis]; LANES]);
+                let (x, n) = (lanes(positions[point]), lanes(normal));
+                let view = View::new(&x, &n, centre.to_array(), radius as f32);
+                let Some(view) = view else { continue };
+                let mut sums = vec![[0.0; LANES]; width];
+                add(&view, kind, &[weight; LANES], &mut sums);
+                expected.iter_mut().zip(&sums).for_each(|(x, sum)| *x += f64::from(sum[0]));
+            }
+            for (found, expected) in row.iter().zip(&expected) {
+                assert!(
+                    (f64::from(-found) - expected).abs() < 2e-5,
+                    "{signal}: {found} {expected}"
+                );
+            }
+        }
+    }
+}
+
 /// Proves that ambient occlusion stays in [0, 1] and does not change when the posed character
 /// turns as a whole: the spheres turn with it.
 #[test]

@@ -62,6 +62,10 @@ pub struct FitRecipe {
     pub unshadowed: Option<bool>,
     /// Spheres on the bones of `occluder`, 1 to 4096. When absent 100; at least one for every bone.
     pub spheres: Option<u32>,
+    /// Distance, in typical ones of training poses, beyond which a pose is drawn towards the mean
+    /// pose: 0 to 1000. When absent poses are taken as they are; a choice by target finds its own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reach: Option<f32>,
     /// The frame in which coefficients are modelled.
     pub frame: FrameName,
     /// How the regularisation is chosen.
@@ -89,6 +93,7 @@ impl Default for FitRecipe {
             parametrisation: None,
             unshadowed: None,
             spheres: None,
+            reach: None,
             frame: FrameName::Bone,
             ridge: RidgeName::LeaveOneClipOut,
             alpha: None,

@@ -1,0 +1,350 @@
+//! Where candidates are tried quickly: the training poses at some of the points, in memory, with
+//! what fits have in common kept from one to the next.
+//!
+//! Errors are means over points, so a few thousand of them tell candidates apart, and every fit
+//! that shares its factorisations costs as many times less as there are fewer points. What is
+//! found here is an estimate: whoever decides fits the best candidates to all points.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use super::candidates::CandidateRecipe;
+use super::fit::{Assembled, assemble, fit_sizes, geometry, settings_for};
+use super::recipe::{FamilyName, OnName, ParametrisationName, Recipe};
+use super::tradeoff::{mesh_percent, point};
+use super::{Error, FittedModel, Job, PointSurface, encoding};
+use crate::choose::Point;
+use crate::dataset::{Dataset, Training, TrainingParts};
+use crate::fit::{Kept, Largest, Shared};
+use crate::model::{Model, PosedInput, Precision, RigHeader};
+
+/// Points that candidates are tried on, at most.
+const MOST_POINTS: usize = 2048;
+/// Numbers of the data that are kept, at most: fewer points where there are many coefficients.
+const MOST_NUMBERS: usize = 1 << 25;
+/// Points that candidates are tried on where the data have so many, at least.
+const LEAST_POINTS: usize = 256;
+/// Steps of optimisers without a closed form: enough to tell candidates apart.
+const STEPS: usize = 60;
+/// Reaches that a model is tried with beside none: typical distances of training poses are 1, and 0
+/// leaves the mean pose.
+const REACHES: [f32; 7] = [8.0, 4.0, 2.0, 1.5, 1.0, 0.5, 0.0];
+/// Evaluations, of which the fastest counts.
+const REPETITIONS: usize = 5;
+
+/// The training poses in one parametrisation.
+struct Encoding {
+    name: ParametrisationName,
+    parameters: Vec<f32>,
+    names: Vec<String>,
+    rig: RigHeader,
+}
+
+/// The data that candidates are tried on.
+pub(super) struct Workbench<'a> {
+    dataset: &'a Dataset,
+    base: TrainingParts,
+    skin: Option<Vec<Vec<(u32, f32)>>>,
+    /// Index in the data set of every training pose.
+    poses: Vec<usize>,
+    /// How the data set's own parameters were made.
+    stored: ParametrisationName,
+    encodings: Vec<Encoding>,
+    /// The mesh of the points, posed as the data are, where a candidate looks at it.
+    posed: Option<(Job, Vec<PointSurface>)>,
+    largest: Largest,
+    /// Points of the data set for each one here.
+    ratio: f64,
+}
+
+/// The training poses without those that are left out, and what fits of them share.
+pub(super) struct Bench<'a> {
+    bench: &'a Workbench<'a>,
+    keep: Vec<usize>,
+    left_out: Vec<usize>,
+    /// One for each encoding.
+    trainings: Vec<Training<'static>>,
+    shared: Shared,
+}
+
+/// What a candidate came to.
+pub(super) struct Tried {
+    /// In every precision, costs as all points would have them.
+    pub(super) points: Vec<Point>,
+    /// Mean square error of each on what was left out.
+    pub(super) squares: Vec<f64>,
+    /// The first one's with each of [`reaches`].
+    pub(super) held: Vec<f64>,
+}
+
+/// The reaches that a candidate is tried with.
+pub(super) fn reaches() -> impl Iterator<Item = Option<f32>> {
+    std::iter::once(None).chain(REACHES.map(Some))
+}
+
+impl<'a> Workbench<'a> {
+    /// Reads what the candidates need.
+    pub(super) fn new(dataset: &'a Dataset, candidates: &[CandidateRecipe]) -> Result<Self, Error> {
+        let layout = &dataset.header().layout;
+        let splits = dataset.splits().iter().enumerate();
+        let poses: Vec<usize> =
+            splits.filter(|(_, split)| **split == 0).map(|(pose, _)| pose).collect();
+        let most = (MOST_NUMBERS / (poses.len() * layout.row()).max(1)).max(LEAST_POINTS);
+        let points = sample(dataset.point_bones(), most.min(MOST_POINTS));
+        let stored = super::recipe_of(dataset)?;
+        let mut this = Self {
+            dataset,
+            base: dataset.training()?.parts_at(&points)?,
+            skin: None,
+            poses,
+            stored: stored.poses.parametrisation,
+            encodings: Vec::new(),
+            posed: None,
+            largest: largest(candidates),
+            ratio: layout.points as f64 / points.len() as f64,
+        };
+        for candidate in candidates {
+            let name = candidate.recipe.fit.parametrisation.unwrap_or(stored.poses.parametrisation);
+            if this.encodings.iter().all(|known| known.name != name) {
+                this.encode(name, &stored, &points)?;
+            }
+        }
+        let looks = |c: &CandidateRecipe| {
+            c.recipe.fit.family == FamilyName::Occluder || c.recipe.fit.unshadowed == Some(true)
+        };
+        if candidates.iter().any(looks) {
+            let job = thinned(super::job_of(dataset)?, &points);
+            let surfaces = this.poses.iter().map(|&pose| job.surface(pose)).collect();
+            this.posed = Some((job, surfaces));
+        }
+        Ok(this)
+    }
+
+    fn encode(
+        &mut self,
+        name: ParametrisationName,
+        stored: &Recipe,
+        points: &[u32],
+    ) -> Result<(), Error> {
+        let mut recipe = stored.clone();
+        recipe.fit.parametrisation = Some(name);
+        // A family that goes by skin weights, so that these are read, too.
+        recipe.fit.family = FamilyName::ClusteredLinear;
+        let (training, rig) = encoding::training(self.dataset, &recipe, &[])?;
+        let some = |skin: &[Vec<(u32, f32)>]| {
+            points.iter().map(|&point| skin[point as usize].clone()).collect()
+        };
+        self.skin = training.skin().map(some);
+        self.encodings.push(Encoding {
+            name,
+            parameters: training.parameters().to_vec(),
+            names: training.parameter_names().to_vec(),
+            rig,
+        });
+        Ok(())
+    }
+
+    /// The clip of every training pose.
+    pub(super) fn clips(&self) -> &[i32] {
+        &self.base.clips
+    }
+
+    /// Whether what is found here is an estimate.
+    fn is_sample(&self) -> bool {
+        self.ratio > 1.0
+    }
+
+    /// Everything but some poses, by their indices among the training poses.
+    pub(super) fn without(&'a self, left_out: &[usize]) -> Bench<'a> {
+        let keep: Vec<usize> =
+            (0..self.poses.len()).filter(|pose| !left_out.contains(pose)).collect();
+        let training = |encoding: &Encoding| {
+            let whole = Training::in_memory(TrainingParts {
+                parameters: encoding.parameters.clone(),
+                parameter_names: encoding.names.clone(),
+                ..self.base.clone()
+            });
+            let part = whole.only(&keep);
+            match &self.skin {
+                Some(skin) => part.with_skin(skin.clone()),
+                None => part,
+            }
+        };
+        let trainings = self.encodings.iter().map(training).collect();
+        let shared = Shared::new(self.largest);
+        Bench { bench: self, keep, left_out: left_out.to_vec(), trainings, shared }
+    }
+}
+
+impl Bench<'_> {
+    /// A candidate in every precision, and with every reach.
+    pub(super) fn try_out(&self, candidate: &CandidateRecipe) -> Result<Tried, Error> {
+        let (fitted, encoding) = self.fit(&candidate.recipe)?;
+        let evaluate_us = self.time(&fitted.model, encoding)? * self.bench.ratio;
+        let (mut points, mut models) = (Vec::new(), Vec::new());
+        for &precision in Precision::ALL {
+            let (mut point, model) = point(candidate, &fitted, precision, evaluate_us)?;
+            self.enlarge(&mut point, &model, precision);
+            points.push(point);
+            models.push(model);
+        }
+        let count = models.len();
+        let asks = candidate.recipe.fit.reach.is_none();
+        if asks && candidate.recipe.target.on == OnName::Novel && fitted.model.has_distance() {
+            for reach in reaches().skip(1) {
+                models.push(fitted.model.clone().with_reach(reach)?);
+            }
+        }
+        let all = self.mean_squares(&models, encoding)?;
+        let held = all[..1].iter().chain(&all[count..]).copied().collect();
+        Ok(Tried { points, squares: all[..count].to_vec(), held })
+    }
+
+    fn fit(&self, recipe: &Recipe) -> Result<(FittedModel, &Encoding), Error> {
+        let bench = self.bench;
+        let mut recipe = recipe.clone();
+        // Shares of the points stay shares.
+        recipe.fit.point_clusters = recipe
+            .fit
+            .point_clusters
+            .map(|count| ((f64::from(count) / bench.ratio).round() as u32).max(1));
+        let asked = recipe.fit.parametrisation.unwrap_or(bench.stored);
+        let which = bench.encodings.iter().position(|encoding| encoding.name == asked);
+        let which = which.ok_or(Error::NothingToChoose)?;
+        let (encoding, training) = (&bench.encodings[which], &self.trainings[which]);
+        let (checked, mut settings) = settings_for(bench.dataset, &recipe)?;
+        settings.steps = settings.steps.min(STEPS);
+        let looks = settings.unshadowed || settings.spheres.is_some();
+        let job = bench.posed.as_ref().map(|(job, _)| job).filter(|_| looks);
+        let mut geometry = job.map(|job| geometry(job, &[]));
+        if let Some(geometry) = &mut geometry {
+            geometry.poses = self.keep.iter().map(|&i| geometry.poses[i]).collect();
+        }
+        let start = Instant::now();
+        let fitted = fit_sizes(training, settings, &recipe, geometry.as_ref(), &self.shared)?;
+        let fit_s = start.elapsed().as_secs_f64() * bench.ratio;
+        let assembled = Assembled {
+            rig: encoding.rig.clone(),
+            bone_of_point: bench.base.point_bones.clone(),
+            point_of_vertex: (0..bench.base.points as u32).collect(),
+            is_part: bench.is_sample(),
+        };
+        let report = fitted.report.clone();
+        let model = assemble(bench.dataset, &recipe, (&checked, settings), fitted, assembled)?;
+        Ok((FittedModel { model, report, fit_s }, encoding))
+    }
+
+    fn time(&self, model: &Model, encoding: &Encoding) -> Result<f64, Error> {
+        let mut out = vec![0.0; self.bench.base.points * self.bench.dataset.header().layout.row()];
+        let mut least = f64::INFINITY;
+        for _ in 0..REPETITIONS {
+            let start = Instant::now();
+            self.predict(black_box(model), encoding, 0, &mut out)?;
+            least = least.min(start.elapsed().as_secs_f64() * 1e6);
+        }
+        Ok(least)
+    }
+
+    fn predict(
+        &self,
+        model: &Model,
+        encoding: &Encoding,
+        pose: usize,
+        out: &mut [f32],
+    ) -> Result<(), Error> {
+        let (base, a) = (&self.bench.base, encoding.names.len());
+        let surface = self.bench.posed.as_ref().map(|(_, surfaces)| surfaces[pose].as_surface());
+        let input = PosedInput {
+            parameters: &encoding.parameters[pose * a..(pose + 1) * a],
+            bone_rotations: &base.bone_rotations[pose * base.bones..(pose + 1) * base.bones],
+            surface,
+        };
+        Ok(model.evaluate_posed(&input, out)?)
+    }
+
+    /// Less the noise of the data.
+    fn mean_squares(&self, models: &[Model], encoding: &Encoding) -> Result<Vec<f64>, Error> {
+        let base = &self.bench.base;
+        let numbers = base.points * base.channels * base.coefficients;
+        let mut found = vec![0.0; numbers];
+        let mut sums = vec![0.0; models.len()];
+        for &pose in &self.left_out {
+            let truth = &base.values[pose * numbers..(pose + 1) * numbers];
+            for (model, sum) in models.iter().zip(&mut sums) {
+                self.predict(model, encoding, pose, &mut found)?;
+                let errors = found.iter().zip(truth).map(|(y, t)| f64::from(y - t).powi(2));
+                *sum += errors.sum::<f64>();
+            }
+        }
+        let count = (self.left_out.len() * numbers).max(1) as f64;
+        Ok(sums.into_iter().map(|sum| sum / count - base.noise_variance).collect())
+    }
+
+    /// Sizes as all points would have them.
+    fn enlarge(&self, point: &mut Point, model: &Model, precision: Precision) {
+        let layout = &self.bench.dataset.header().layout;
+        let sizes = model.sizes(precision);
+        let each = sizes.decoder as f64 / model.numbers().max(1) as f64;
+        let fixed = each * model.decoder().numbers_of_poses() as f64;
+        let growth = self.bench.ratio - 1.0;
+        let decoder = (sizes.decoder as f64 - fixed).max(0.0) * growth;
+        let merged = (layout.vertices - layout.points) * size_of::<u32>();
+        let rest = (sizes.maps + sizes.occluders) as f64 * growth + merged as f64;
+        point.bytes += (decoder + rest) as u64;
+        point.tensor_bytes += decoder as u64;
+        point.multiply_adds = (point.multiply_adds as f64 * self.bench.ratio) as u64;
+        point.mesh_percent = mesh_percent(point.tensor_bytes, layout.points * layout.row());
+    }
+}
+
+/// Every n-th point of the points by bones: each bone has its share, and neighbours in the mesh do
+/// not stand for one another.
+fn sample(bone_of_point: &[u16], most: usize) -> Vec<u32> {
+    let mut order: Vec<u32> = (0..bone_of_point.len() as u32).collect();
+    order.sort_by_key(|&point| (bone_of_point[point as usize], point));
+    let step = order.len().div_ceil(most.max(1)).max(1);
+    let mut some: Vec<u32> = order.into_iter().step_by(step).collect();
+    some.sort_unstable();
+    some
+}
+
+/// A job over some points only.
+fn thinned(mut job: Job, points: &[u32]) -> Job {
+    let bones = &job.poses.bones.of_point;
+    job.poses.bones.of_point = points.iter().map(|&point| bones[point as usize]).collect();
+    let all = &job.poses.points;
+    // A vertex that is not there counts with the one before it.
+    let near = |&point: &u32| points.partition_point(|&kept| kept <= point).max(1) as u32 - 1;
+    job.poses.points = crate::rig::Points {
+        vertex: points.iter().map(|&point| all.vertex[point as usize]).collect(),
+        of_vertex: all.of_vertex.iter().map(near).collect(),
+    };
+    job
+}
+
+/// The largest sizes among candidates.
+fn largest(candidates: &[CandidateRecipe]) -> Largest {
+    let fits = || candidates.iter().map(|candidate| &candidate.recipe.fit);
+    let outputs = fits().filter_map(|fit| fit.outputs).max().unwrap_or(0).max(40);
+    let default = super::recipe::DEFAULT_CLUSTER_RETAINED;
+    let share = fits().filter_map(|fit| fit.retain_outputs).fold(default, f64::max);
+    Largest { outputs: outputs as usize, cluster_outputs: Kept::Share(share) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A sample has as many points as asked for at most, and of every bone that has enough.
+    #[test]
+    fn samples_hold_every_bone() {
+        let bones: Vec<u16> = (0..1000).map(|i| [0, 0, 0, 7, 3][i % 5]).collect();
+        let some = sample(&bones, 100);
+        assert!(some.len() <= 100 && some.is_sorted());
+        for (bone, share) in [(0, 60), (3, 20), (7, 20)] {
+            let count = some.iter().filter(|&&p| bones[p as usize] == bone).count();
+            assert!(count.abs_diff(share) <= 1, "{bone}: {count}");
+        }
+        assert_eq!(sample(&[1, 0], 5), [0, 1]);
+    }
+}
