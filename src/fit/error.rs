@@ -60,7 +60,7 @@ pub enum Error {
     /// More pose dimensions than there are.
     #[error(
         "{asked} pose dimensions were asked for, but the {poses} training poses vary in \
-         {available}; ask for 1 to {available}{}", mean_hint(*.available)
+         {available}; {}", remedy(*.available)
     )]
     Inputs {
         /// From the settings.
@@ -133,6 +133,9 @@ pub enum Error {
 }
 
 /// With no dimension at all there is still one family that works.
-fn mean_hint(available: usize) -> &'static str {
-    if available == 0 { " (there is none: use the family `mean`)" } else { "" }
+fn remedy(available: usize) -> String {
+    match available {
+        0 => "use the family `mean`".to_owned(),
+        available => format!("ask for 1 to {available}"),
+    }
 }

@@ -24,7 +24,7 @@ pub enum Error {
     #[error(transparent)]
     Recipe(#[from] RecipeError),
     /// Import.
-    #[error("{file}: {source}")]
+    #[error("{}", once(.file, .source))]
     Scene {
         /// The scene's file.
         file: String,
@@ -113,4 +113,26 @@ pub enum Error {
         /// Bake hash of the data set.
         dataset: String,
     },
+}
+
+/// The file and what is wrong with it; once, where the stage names the file itself.
+fn once(file: &str, source: &scene::Error) -> String {
+    let told = source.to_string();
+    if told.contains(file) { told } else { format!("{file}: {told}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A file that cannot be read is named once; a fault inside is told with the file's name.
+    #[test]
+    fn a_file_is_named_once() {
+        let told = |source| Error::Scene { file: "a.glb".to_owned(), source }.to_string();
+        let path = PathBuf::from("a.glb");
+        let source = std::io::Error::from(std::io::ErrorKind::NotFound);
+        assert!(told(scene::Error::Io { path, source }).starts_with("cannot read a.glb: "));
+        let other = scene::Error::NotAFile { path: PathBuf::from("b") };
+        assert!(told(other).starts_with("a.glb: b is not"));
+    }
 }

@@ -17,7 +17,9 @@ pub fn publish(path: &Path, bytes: &[u8]) -> Result<(), Error> {
         _ => Path::new("."),
     };
     fs::create_dir_all(folder).map_err(failed)?;
-    let mut file = tempfile::Builder::new().prefix(".part-").tempfile_in(folder).map_err(failed)?;
+    let file = tempfile::Builder::new().prefix(".part-").tempfile_in(folder);
+    // Said of the file that was asked for, not of the temporary one.
+    let mut file = file.map_err(|error| failed(std::io::Error::from(error.kind())))?;
     file.write_all(bytes).map_err(failed)?;
     file.as_file().sync_all().map_err(failed)?;
     readable_by_all(file.as_file()).map_err(failed)?;
@@ -72,5 +74,8 @@ mod tests {
         fs::write(&blocker, b"").expect("written");
         let error = publish(&blocker.join("model"), b"x").expect_err("a file is no folder");
         assert!(error.to_string().contains("file/model"), "{error}");
+        let error = publish(Path::new("/proc/model"), b"x").expect_err("no place for files");
+        let told = error.to_string();
+        assert!(told.contains("/proc/model: ") && !told.contains(".part-"), "{told}");
     }
 }
