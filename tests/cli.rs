@@ -356,6 +356,13 @@ fn a_static_scene_is_its_mean() {
     let notices = json["notices"].to_string();
     assert!(notices.contains("does not move"), "{notices}");
     assert!(text(&output.stderr).is_empty(), "not quiet: {}", text(&output.stderr));
+    let occluder = ["run", "cube.obj", "-o", "out2", "--rays", "16", "--family", "occluder"];
+    let output = studio.succeed(&[&occluder[..], &["--json"]].concat());
+    let json: Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
+    assert_eq!(json["figures"]["model"]["family"], "mean");
+    let evaluate = ["evaluate", "out/model.safetensors", "--scene", "cube.obj", "-o", "rest.npy"];
+    let output = studio.succeed(&evaluate);
+    assert!(text(&output.stdout).contains("[1, 8, 1, 36]"), "{}", text(&output.stdout));
 }
 
 /// A run is approved and checked: the same scene passes, a figure that is worse than approved fails

@@ -54,7 +54,6 @@ fn few_lobes_hold_most_of_real_light() {
         let (light, _) = map.project(Order::new(4).expect("order")).expect("projected");
         let fit = ZonalLight::fit(&light, 8);
         let residuals = fit.residuals();
-        println!("{name}: {residuals:.5?}");
         let last = residuals.last().expect("a residual");
         assert!(residuals[2] < 0.1 && *last < 1e-3, "{name}: {residuals:?}");
     }

@@ -198,10 +198,10 @@ pub(crate) struct EvaluateArgs {
     /// Poses as parameters, an array [pose, parameter] of f32 or f64.
     #[arg(long, value_name = "FILE.npy")]
     pub(crate) parameters: Option<PathBuf>,
-    /// Poses from a clip of this scene.
-    #[arg(long, value_name = "SCENE", requires = "clip")]
+    /// Poses from a clip of this scene, or its rest pose.
+    #[arg(long, value_name = "SCENE")]
     pub(crate) scene: Option<PathBuf>,
-    /// The clip to sample.
+    /// The clip to sample; the rest pose when absent.
     #[arg(long, value_name = "NAME", requires = "scene")]
     pub(crate) clip: Option<String>,
     /// Poses per second of clip.

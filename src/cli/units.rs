@@ -22,6 +22,11 @@ pub(super) fn seconds(value: f64) -> String {
     }
 }
 
+/// A number of things by their name: 1 part, 2 parts.
+pub(super) fn counted(count: usize, name: &str) -> String {
+    format!("{count} {name}{}", if count == 1 { "" } else { "s" })
+}
+
 /// Whole numbers with thin groups: 12,345,678.
 pub(super) fn count(value: u64) -> String {
     let digits = value.to_string();

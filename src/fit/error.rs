@@ -72,8 +72,8 @@ pub enum Error {
     },
     /// More output dimensions than there are.
     #[error(
-        "{asked} output dimensions were asked for, but the training data have {available}; ask \
-         for 1 to {available}{}", mean_hint(*.available)
+        "{asked} output dimensions were asked for, but the training data have {available}; {}",
+        remedy(*.available)
     )]
     Outputs {
         /// From the settings.

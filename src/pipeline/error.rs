@@ -58,7 +58,7 @@ pub enum Error {
         total: u64,
     },
     /// The caller asked to stop in a part of the work that leaves nothing to continue.
-    #[error("stopped {when}; what was baked is kept, and the same command does the rest anew")]
+    #[error("stopped {when}; what was baked is kept; this stage starts over with the same command")]
     Stopped {
         /// Such as `during the fit`.
         when: String,

@@ -124,6 +124,7 @@ pub(super) fn settings_for(
     let mut settings = checked.fit;
     if dataset.header().layout.parameters == 0 {
         settings.family = fit::Family::Mean;
+        settings.spheres = None;
     }
     let is_ao = dataset.header().attributes.signal == "ao";
     if is_ao {

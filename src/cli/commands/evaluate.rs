@@ -9,13 +9,15 @@ use crate::cli::args::EvaluateArgs;
 use crate::cli::{Answer, files as arrays};
 use crate::model::Model;
 use crate::pipeline::{self, Light, Query};
+use crate::rig::Pose;
 
 pub(in crate::cli) fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Answer> {
     let model = super::read_model(&args.model)?.0;
     let queries = match (&args.parameters, &args.scene, &args.clip) {
         (Some(path), _, _) => from_parameters(&model, path)?,
         (None, Some(scene), Some(clip)) => from_clip(&model, scene, clip, args.fps)?,
-        _ => bail!("give --parameters, or --scene with --clip"),
+        (None, Some(scene), None) => vec![at_rest(&model, scene)?],
+        (None, None, _) => bail!("give --parameters or --scene"),
     };
     let light = args.light.as_deref().map(|path| read_light(&model, path)).transpose()?;
     let mut values = Vec::new();
@@ -66,6 +68,12 @@ fn from_clip(model: &Model, path: &Path, name: &str, fps: f32) -> anyhow::Result
     let scene = pipeline::import(path)?;
     let times = Query::times_of(&scene, name, fps);
     Ok(Query::from_clip(model, &scene, name, times)?)
+}
+
+fn at_rest(model: &Model, path: &Path) -> anyhow::Result<Query> {
+    let scene = pipeline::import(path)?;
+    let rest = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
+    Ok(Query::from_pose(model, &scene, &rest)?)
 }
 
 fn read_light(model: &Model, path: &Path) -> anyhow::Result<Light> {

@@ -64,11 +64,11 @@ fn scene(path: &Path) -> anyhow::Result<Answer> {
 fn scene_text(job: &Job, plan: &pipeline::Plan) -> String {
     let mesh = &job.scene.mesh;
     let mut text = format!(
-        "scene: {} vertices ({} distinct), {} triangles, {} parts, {} nodes, {} morph weights, {:.3} m\n",
+        "scene: {} vertices ({} distinct), {} triangles, {}, {} nodes, {} morph weights, {:.3} m\n",
         units::count(mesh.positions.len() as u64),
         units::count(job.poses.points.count() as u64),
         units::count(mesh.triangles.len() as u64),
-        mesh.parts.len(),
+        units::counted(mesh.parts.len(), "part"),
         job.scene.skeleton.nodes.len(),
         mesh.weight_names.len(),
         job.poses.size_m,

@@ -19,7 +19,10 @@ pub(in crate::cli) fn measure(args: &MeasureArgs, watch: &Watch) -> anyhow::Resu
         files::publish(path, page.as_bytes())?;
     }
     let met = pipeline::meets_target(&figures.measured, checked.reference);
-    let text = table(&figures.measured) + &verdict(met, checked.reference.max_error);
+    let mut text = table(&figures.measured) + &verdict(met, checked.reference.max_error);
+    if let Some(path) = &args.report {
+        text += &format!("\nreport: {}", path.display());
+    }
     let mut answer = Answer::new(text, json!({ "figures": figures, "target_met": met }));
     answer.met = met;
     Ok(answer)
