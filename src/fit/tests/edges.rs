@@ -34,7 +34,7 @@ fn poses_without_variation_give_the_mean() {
         run(parts, &settings(Family::Mean));
         let error = refusal(parts, &settings(PCA));
         assert!(matches!(error, Error::Inputs { asked: 2, available: 0, .. }));
-        assert!(error.to_string().ends_with("(there is none: use the family `mean`)"), "{error}");
+        assert!(error.to_string().ends_with("vary in 0; use the family `mean`"), "{error}");
     }
 }
 
