@@ -3,6 +3,7 @@
 mod adaptive;
 mod analytic;
 mod bounces;
+mod figure;
 mod fitted;
 mod hostile;
 mod identity;
