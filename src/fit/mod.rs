@@ -17,7 +17,6 @@ mod frame;
 mod geometry;
 mod greedy_split;
 mod k_means;
-mod lbfgs;
 mod leave_out;
 mod linear;
 mod mean;

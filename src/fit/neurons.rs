@@ -1,6 +1,6 @@
 //! A layer of tanh neurons between reduced poses and reduced outputs (RPO09 eq. 12 and 13).
 
-use super::lbfgs::minimise;
+use crate::num::lbfgs::minimise;
 use crate::num::random::{Stream, hash};
 
 /// Steps of the optimiser in cross-validation, at most, where only the better of several has to be
