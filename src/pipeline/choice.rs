@@ -2,26 +2,34 @@
 //! the motion that was held out.
 
 use super::recipe::{Recipe, TargetRecipe};
-use super::{CandidateRecipe, Checked, Error, Figures, Watch, examine, meets_target, search};
+use super::{
+    CandidateRecipe, Checked, Error, Figures, Searched, Watch, examine, meets_target, search,
+};
 use crate::choose::{Point, Target};
 use crate::dataset::Dataset;
 use crate::model::Model;
 
-/// What was chosen.
+/// What was chosen, with its proof.
 #[derive(Debug)]
-pub struct Choice {
-    /// The model's file.
+pub struct Confirmed {
+    /// The search, and the model that it ended with.
+    pub found: Searched,
+    /// The model's file; the errors that were measured stand in its header.
     pub blob: Vec<u8>,
-    /// The recipe that makes it.
-    pub recipe: Recipe,
     /// What was measured on it.
     pub figures: Figures,
     /// The report page.
     pub page: String,
-    /// The point of choice, by validation.
-    pub point: Point,
     /// Whether the target is met, by validation and on the motion that was held out.
     pub met: bool,
+}
+
+impl Confirmed {
+    /// The point of choice, its error by validation.
+    #[must_use]
+    pub fn point(&self) -> &Point {
+        &self.found.points[self.found.chosen]
+    }
 }
 
 /// Whether a recipe's target leaves the choice of the model to the system.
@@ -44,13 +52,13 @@ pub fn choose(
     recipe: &Recipe,
     candidates: &[CandidateRecipe],
     watch: &Watch,
-) -> Result<Choice, Error> {
+) -> Result<Confirmed, Error> {
     let found = search(dataset, candidates, &target(recipe), watch)?;
     // The judge sees what is stored, not what was fitted.
     let mut model = Model::from_bytes(&found.fitted.model.to_bytes(found.precision)?)?;
     let (figures, page) = examine(&mut model, dataset, &found.recipe, watch)?;
     let confirmed = meets_target(&figures.measured, Checked::new(&found.recipe)?.reference);
-    let point = found.points[found.chosen].clone();
     let blob = model.to_bytes(found.precision)?;
-    Ok(Choice { blob, recipe: found.recipe, figures, page, point, met: found.met && confirmed })
+    let met = found.met && confirmed;
+    Ok(Confirmed { found, blob, figures, page, met })
 }

@@ -28,7 +28,8 @@ pub fn effective(recipe: &Recipe) -> Result<(), RecipeError> {
 pub fn effective_fit(fit: &FitRecipe, on: OnName) -> Result<(), RecipeError> {
     for Stated { field, found, families, .. } in stated(fit) {
         if !families.contains(&fit.family) {
-            let expected = not_of(fit.family);
+            let found = format!("{found} with the family {}", fit.family);
+            let expected = "that family has no such thing: leave it out, or name another";
             return Err(RecipeError { field, found, expected });
         }
     }
@@ -55,8 +56,7 @@ struct Stated {
 }
 
 use FamilyName::{
-    ClusteredLinear, ClusteredQuadratic, ClusteredTanh, Linear, Mean, Multilinear, Occluder,
-    PcaLinear,
+    ClusteredLinear, ClusteredQuadratic, ClusteredTanh, Linear, Multilinear, Occluder, PcaLinear,
 };
 
 const CLUSTERED: [FamilyName; 3] = [ClusteredLinear, ClusteredQuadratic, ClusteredTanh];
@@ -103,29 +103,6 @@ fn stated(fit: &FitRecipe) -> impl Iterator<Item = Stated> {
         }),
     ];
     fields.into_iter().flatten()
-}
-
-fn not_of(family: FamilyName) -> &'static str {
-    match family {
-        Mean => "the family mean has no such thing: leave it out, or name another family",
-        Linear => "the family linear has no such thing: leave it out, or name another family",
-        PcaLinear => {
-            "the family pca-linear has no such thing: leave it out, or name another family"
-        }
-        Multilinear => {
-            "the family multilinear has no such thing: leave it out, or name another family"
-        }
-        Occluder => "the family occluder has no such thing: leave it out, or name another family",
-        ClusteredLinear => {
-            "the family clustered-linear has no such thing: leave it out, or name another family"
-        }
-        ClusteredQuadratic => {
-            "the family clustered-quadratic has no such thing: leave it out, or name another family"
-        }
-        ClusteredTanh => {
-            "the family clustered-tanh has no such thing: leave it out, or name another family"
-        }
-    }
 }
 
 /// Sizes of one side by a count and of the other by a share, and sizes of a part that is not there.
@@ -187,6 +164,7 @@ fn absent(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use FamilyName::Mean;
 
     /// Each setting that would change nothing is named, and the one beside it that does is not.
     #[test]
@@ -253,5 +231,12 @@ mod tests {
         let fit = FitRecipe { alpha: Some(3.0), ..FitRecipe::default() };
         let told = effective_fit(&fit, OnName::Novel).expect_err("no effect").to_string();
         assert_eq!(told, "recipe field `fit.alpha` is 3; only the ridge `fixed` takes it");
+        let fit = FitRecipe { family: ClusteredTanh, spheres: Some(8), ..FitRecipe::default() };
+        let told = effective_fit(&fit, OnName::Novel).expect_err("no effect").to_string();
+        assert_eq!(
+            told,
+            "recipe field `fit.spheres` is 8 with the family clustered-tanh; that family has no \
+             such thing: leave it out, or name another"
+        );
     }
 }

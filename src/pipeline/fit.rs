@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use serde_json::Value;
 
-use super::recipe::{DEFAULT_INPUTS, DEFAULT_OUTPUTS, Recipe};
+use super::recipe::{DEFAULT_INPUTS, DEFAULT_OUTPUTS, FitRecipe, Recipe};
 use super::{Checked, Error, Hashes, Job, Progress, Stage, Watch, encoding};
 use crate::dataset::{Dataset, Training};
 use crate::fit::{self, FitReport, Fitted};
@@ -184,27 +184,46 @@ pub(super) fn fit_sizes(
     shared: &fit::Shared,
 ) -> Result<Fitted, Error> {
     loop {
-        let error = match fit::fit_shared(training, &settings, geometry, shared) {
-            Ok(fitted) => return Ok(fitted),
-            Err(error) => error,
-        };
-        let fit::Family::PcaLinear { inputs, outputs } = &mut settings.family else {
-            return Err(error.into());
-        };
-        match error {
-            fit::Error::Inputs { available, .. }
-                if recipe.fit.inputs.is_none() && available > 0 =>
-            {
-                *inputs = available;
-            }
-            fit::Error::Outputs { available, .. }
-                if recipe.fit.outputs.is_none() && available > 0 =>
-            {
-                *outputs = available;
-            }
-            other => return Err(other.into()),
+        match fit::fit_shared(training, &settings, geometry, shared) {
+            Err(error) => give_way(&mut settings.family, &recipe.fit, error)?,
+            fitted => return Ok(fitted?),
         }
     }
+}
+
+/// Takes what there is for a size that nobody asked for.
+///
+/// # Errors
+/// The error itself, where somebody did ask for it, or nothing is there.
+fn give_way(
+    family: &mut fit::Family,
+    recipe: &FitRecipe,
+    error: fit::Error,
+) -> Result<(), fit::Error> {
+    use fit::Family::{Multilinear, PcaLinear};
+    let (size, asked, available) = match (&error, family) {
+        (fit::Error::Inputs { available, .. }, PcaLinear { inputs, .. }) => {
+            (inputs, recipe.inputs, *available)
+        }
+        (fit::Error::Outputs { available, .. }, PcaLinear { outputs, .. }) => {
+            (outputs, recipe.outputs, *available)
+        }
+        (fit::Error::Inputs { available, .. }, Multilinear(sizes)) => {
+            (&mut sizes.inputs, recipe.inputs, *available)
+        }
+        // Clusters of points have no default: only those of poses can be too many unasked.
+        (fit::Error::Clusters { available, .. }, Multilinear(sizes))
+            if sizes.clusters > *available =>
+        {
+            (&mut sizes.clusters, recipe.clusters, *available)
+        }
+        _ => return Err(error),
+    };
+    if asked.is_some() || available == 0 {
+        return Err(error);
+    }
+    *size = available;
+    Ok(())
 }
 
 /// The job's mesh at its training poses.
@@ -306,4 +325,56 @@ fn parts(dataset: &Dataset, rig: &RigHeader) -> Vec<PartRange> {
         vertices: part.vertices as u32,
     });
     parts.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What nobody asked for gives way to what there is, in every family that has such a size;
+    /// what was asked for, and what there is nothing of, stays an error.
+    #[test]
+    fn sizes_that_nobody_asked_for_give_way() {
+        let pca = fit::Family::PcaLinear { inputs: 8, outputs: 22 };
+        let local = fit::Family::Multilinear(fit::MultilinearSizes {
+            clusters: 10,
+            inputs: 8,
+            points: fit::PointClusters::Count(5),
+            published: false,
+            blend_exponent: 10.0,
+        });
+        let nobody = FitRecipe::default();
+        let all = FitRecipe {
+            inputs: Some(8),
+            outputs: Some(22),
+            clusters: Some(10),
+            ..FitRecipe::default()
+        };
+        let inputs = |available| fit::Error::Inputs { asked: 8, poses: 4, available };
+        let outputs = |available| fit::Error::Outputs { asked: 22, available };
+        let clusters = |available| fit::Error::Clusters { what: "clusters", asked: 10, available };
+        let way = |family: fit::Family, recipe: &FitRecipe, error| {
+            let mut family = family;
+            give_way(&mut family, recipe, error).map(|()| family).ok()
+        };
+        let fewer = fit::Family::PcaLinear { inputs: 3, outputs: 22 };
+        assert_eq!(way(pca, &nobody, inputs(3)), Some(fewer));
+        let fewer = fit::Family::PcaLinear { inputs: 8, outputs: 3 };
+        assert_eq!(way(pca, &nobody, outputs(3)), Some(fewer));
+        let sizes = |family| match family {
+            Some(fit::Family::Multilinear(sizes)) => Some((sizes.clusters, sizes.inputs)),
+            _ => None,
+        };
+        assert_eq!(sizes(way(local, &nobody, inputs(1))), Some((10, 1)));
+        assert_eq!(sizes(way(local, &nobody, clusters(4))), Some((4, 8)));
+        for error in [inputs(3), outputs(3)] {
+            assert_eq!(way(pca, &all, error), None);
+        }
+        for error in [inputs(1), clusters(4)] {
+            assert_eq!(way(local, &all, error), None);
+        }
+        assert_eq!((way(pca, &nobody, inputs(0)), way(local, &nobody, inputs(0))), (None, None));
+        // Clusters of points are asked for by their number alone.
+        assert_eq!(way(local, &nobody, clusters(12)), None);
+    }
 }

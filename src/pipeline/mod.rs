@@ -49,7 +49,7 @@ pub use buried::buried;
 pub use candidates::{CandidateRecipe, Range, candidates};
 pub use check::{Baseline, BaselineError, Line, junit, page};
 pub use checked::{Checked, RecipeError, ReferenceSettings};
-pub use choice::{Choice, choose, has_target};
+pub use choice::{Confirmed, choose, has_target};
 pub use data::{open_dataset, other_references};
 pub use effect::{effective, effective_fit, forget_other_sizes};
 pub use error::Error;

@@ -185,15 +185,15 @@ impl Stage<'_> {
         let recipe = &self.request.recipe;
         if pipeline::has_target(recipe) {
             let candidates = self.request.candidates(dataset.header().layout.points)?;
-            let choice = pipeline::choose(&dataset, recipe, &candidates, &self.watch)?;
-            self.recorder.log(Level::Info, &format!("chosen: {}", choice.point.name));
+            let chosen = pipeline::choose(&dataset, recipe, &candidates, &self.watch)?;
+            self.recorder.log(Level::Info, &format!("chosen: {}", chosen.point().name));
             let parts = [
-                (pipeline::MODEL, choice.blob),
-                (pipeline::RECIPE, text(&choice.recipe)?),
-                (pipeline::FIGURES, text(&choice.figures)?),
-                (pipeline::REPORT, choice.page.into_bytes()),
+                (pipeline::MODEL, chosen.blob),
+                (pipeline::RECIPE, text(&chosen.found.recipe)?),
+                (pipeline::FIGURES, text(&chosen.figures)?),
+                (pipeline::REPORT, chosen.page.into_bytes()),
             ];
-            return self.publish(&parts, Some(choice.met));
+            return self.publish(&parts, Some(chosen.met));
         }
         let fitted = pipeline::fit_watched(&dataset, recipe, &self.watch)?;
         for notice in &fitted.report.notices {

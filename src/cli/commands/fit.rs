@@ -3,22 +3,20 @@
 use serde_json::json;
 
 use super::Usage;
-use crate::choose::Target;
 use crate::cli::args::FitCommandArgs;
 use crate::cli::{Answer, units};
 use crate::dataset::Dataset;
 use crate::model::Model;
-use crate::pipeline::recipe::{Recipe, TargetRecipe};
-use crate::pipeline::{self, Checked, FittedModel, Range, VALIDATION, Watch, files};
+use crate::pipeline::recipe::Recipe;
+use crate::pipeline::{self, Checked, Confirmed, FittedModel, Range, VALIDATION, Watch, files};
 
 pub(in crate::cli) fn fit(args: &FitCommandArgs, watch: &Watch) -> anyhow::Result<Answer> {
     let dataset = Dataset::open(&args.dataset)?;
     let mut recipe = pipeline::recipe_of(&dataset)?;
     args.edit(&mut recipe);
     let checked = Checked::new(&recipe)?;
-    let target = target(&recipe);
-    if chooses(args, &recipe, &target)? {
-        return choose(args, &dataset, &recipe, &target, watch);
+    if chooses(args, &recipe)? {
+        return choose(args, &dataset, &recipe, watch);
     }
     let fitted = pipeline::fit_watched(&dataset, &recipe, watch)?;
     let blob = fitted.model.to_bytes(checked.precision)?;
@@ -38,8 +36,8 @@ pub(in crate::cli) fn fit(args: &FitCommandArgs, watch: &Watch) -> anyhow::Resul
 /// Whether the target chooses the model; refuses flags that then, or else, change nothing.
 ///
 /// A target that only the data set's recipe states gives way to what the command line says.
-fn chooses(args: &FitCommandArgs, recipe: &Recipe, target: &Target) -> anyhow::Result<bool> {
-    match (target.is_any(), args.chosen_flag()) {
+fn chooses(args: &FitCommandArgs, recipe: &Recipe) -> anyhow::Result<bool> {
+    match (pipeline::has_target(recipe), args.chosen_flag()) {
         (true, Some(flag)) if args.states_target() => {
             let told = format!(
                 "{flag} changes nothing where a target chooses the model; of the model only --family \
@@ -61,18 +59,12 @@ fn chooses(args: &FitCommandArgs, recipe: &Recipe, target: &Target) -> anyhow::R
     Ok(false)
 }
 
-fn target(recipe: &Recipe) -> Target {
-    let TargetRecipe { max_error, max_bytes, max_us, max_fit_s, .. } = recipe.target;
-    Target { max_error: max_error.map(f64::from), max_bytes, max_us, max_fit_s }
-}
-
 /// The simplest model that meets the target by validation on training clips, confirmed on the
 /// motion that was held out.
 fn choose(
     args: &FitCommandArgs,
     dataset: &Dataset,
     recipe: &Recipe,
-    target: &Target,
     watch: &Watch,
 ) -> anyhow::Result<Answer> {
     let points = dataset.header().layout.points;
@@ -80,49 +72,47 @@ fn choose(
     if args.names_family() {
         candidates.retain(|c| c.recipe.fit.family == recipe.fit.family);
     }
-    let found = pipeline::search(dataset, &candidates, target, watch)?;
-    let checked = Checked::new(&found.recipe)?;
-    let blob = found.fitted.model.to_bytes(found.precision)?;
-    // The judge sees what is stored, not what was fitted.
-    let mut model = Model::from_bytes(&blob)?;
-    let (figures, _) = pipeline::examine(&mut model, dataset, &found.recipe, watch)?;
-    let confirmed = pipeline::meets_target(&figures.measured, checked.reference);
-    files::publish(&args.output, &model.to_bytes(found.precision)?)?;
-    let point = &found.points[found.chosen];
-    let error = point.errors.get(VALIDATION).copied().unwrap_or_default();
-    let met = found.met && confirmed;
-    let mut text = format!(
-        "{}\n  {} of {} candidates in {}: {}, {} µs a pose; RMSE {:.5} leaving out {}\n{}",
-        args.output.display(),
-        if met { "the simplest that meets the target" } else { "the best that was reached" },
-        found.points.len() + found.estimates.len(),
-        units::seconds(found.search_s),
-        point.name,
-        point.evaluate_us.round(),
-        error.rms,
-        found.left_out,
-        super::measure::table(&figures.measured),
-    );
-    let remedy = found.shares.remedy();
-    if !met {
+    let chosen = pipeline::choose(dataset, recipe, &candidates, watch)?;
+    files::publish(&args.output, &chosen.blob)?;
+    let Confirmed { found, figures, met, .. } = &chosen;
+    let remedy = (!met).then(|| found.shares.remedy());
+    let mut text = format!("{}\n{}", args.output.display(), story(&chosen));
+    if let Some(remedy) = &remedy {
         text += &format!("\n  the target is not met; what would help most: {}", remedy.advice());
     }
     let json = json!({
         "model": args.output,
-        "chosen": point,
+        "chosen": chosen.point(),
         "met_in_validation": found.met,
         "met": met,
         "left_out": found.left_out,
         "shares": found.shares,
-        "remedy": if met { None } else { Some(remedy) },
+        "remedy": remedy,
         "search_s": found.search_s,
         "points": found.points,
         "estimates": found.estimates,
         "figures": figures,
     });
     let mut answer = Answer::new(text, json);
-    answer.met = met;
+    answer.met = *met;
     Ok(answer)
+}
+
+/// What was looked at, what was taken of it, and its errors.
+fn story(chosen: &Confirmed) -> String {
+    let (found, point) = (&chosen.found, chosen.point());
+    let error = point.errors.get(VALIDATION).copied().unwrap_or_default();
+    format!(
+        "  {} of {} candidates in {}: {}, {} µs a pose; RMSE {:.5} leaving out {}\n{}",
+        if chosen.met { "the simplest that meets the target" } else { "the best that was reached" },
+        found.points.len() + found.estimates.len(),
+        units::seconds(found.search_s),
+        point.name,
+        point.evaluate_us.round(),
+        error.rms,
+        found.left_out,
+        super::measure::table(&chosen.figures.measured),
+    )
 }
 
 /// A fitted model in a line.

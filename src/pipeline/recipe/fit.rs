@@ -1,5 +1,7 @@
 //! The model family and its sizes, as a recipe names them.
 
+use std::fmt;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -123,6 +125,13 @@ pub enum FamilyName {
     ClusteredQuadratic,
     /// Likewise, through tanh neurons.
     ClusteredTanh,
+}
+
+impl fmt::Display for FamilyName {
+    /// As in a recipe.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(f)
+    }
 }
 
 /// Frames of coefficients by name.
