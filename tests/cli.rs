@@ -265,9 +265,13 @@ fn bad_requests_are_named() {
 fn foreign_and_damaged_data_sets_are_refused() {
     let studio = Studio::new();
     studio.succeed(&bake("d.zarr", &["--signal", "ao"]));
-    let (status, message) = studio.fail(&bake("d.zarr", &["--signal", "ao", "--seed", "2"]));
-    assert_eq!(status, 1);
-    assert!(message.contains("another recipe"), "{message}");
+    for flags in
+        [&["--signal", "ao", "--seed", "2"][..], &["--signal", "ao", "--seed", "2", "--dry-run"]]
+    {
+        let (status, message) = studio.fail(&bake("d.zarr", flags));
+        assert_eq!(status, 1);
+        assert!(message.contains("another recipe"), "{message}");
+    }
     for (flags, evidence) in [
         (&["--max-bytes", "1", "--inputs", "4"][..], "--inputs changes nothing"),
         (&["--reference-poses", "4"], "poselight measure"),

@@ -1,18 +1,49 @@
-//! What a person sees while a job runs: bars on a terminal, nothing where stderr is piped.
+//! What a person sees while a job runs: bars on a terminal; a line now and then where stderr is
+//! piped, so that the log of a long job shows where it is.
 
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::units;
 use crate::pipeline::{Progress, Stage};
 
+/// Between two lines where there is no terminal: a short job says nothing.
+const BETWEEN_LINES: Duration = Duration::from_secs(15);
+
 /// One bar per stage, the finished ones left standing.
 #[derive(Debug, Default)]
 pub(super) struct Screen {
     bar: Mutex<Option<Shown>>,
+    lines: Mutex<Option<Told>>,
+}
+
+/// What the last line was about.
+#[derive(Debug)]
+struct Told {
+    stage: Stage,
+    there: u64,
+    at: Instant,
+}
+
+impl Told {
+    /// The line that is due `now`, if one is.
+    fn line(slot: &mut Option<Self>, progress: Progress, now: Instant) -> Option<String> {
+        let Progress { stage, done, total, .. } = progress;
+        let told = slot.get_or_insert(Self { stage, there: done, at: now });
+        if told.stage != stage {
+            (told.stage, told.there) = (stage, done);
+        }
+        if now.duration_since(told.at) < BETWEEN_LINES {
+            return None;
+        }
+        told.at = now;
+        let message = message(progress, told.there);
+        let colon = if message.is_empty() { "" } else { ": " };
+        Some(format!("{} {done}/{total}{colon}{message}", stage.name()))
+    }
 }
 
 /// The bar of the stage at work.
@@ -28,6 +59,10 @@ impl Screen {
     /// Shows progress.
     pub(super) fn show(&self, progress: Progress) {
         if !std::io::stderr().is_terminal() {
+            let Ok(mut slot) = self.lines.lock() else { return };
+            if let Some(line) = Told::line(&mut slot, progress, Instant::now()) {
+                let _ = writeln!(std::io::stderr(), "{line}");
+            }
             return;
         }
         let Ok(mut slot) = self.bar.lock() else { return };
@@ -96,5 +131,23 @@ mod tests {
         assert_eq!(at(40, 0, 3.0), "");
         assert_eq!(at(50, 20_000_000, 2.0), "10.0 Mray/s, 10.0 s left");
         assert_eq!(at(100, 120_000_000, 12.0), "10.0 Mray/s");
+    }
+    /// Without a terminal a short job is silent, a long one tells where it is every quarter of a
+    /// minute, and a new stage neither waits for less nor inherits the rate of the one before.
+    #[test]
+    fn a_log_gets_a_line_now_and_then() {
+        let start = Instant::now();
+        let mut slot = None;
+        let mut at = |stage, done, rays, seconds: u64| {
+            let elapsed_s = seconds as f64;
+            let progress = Progress { stage, done, total: 100, rays, elapsed_s };
+            Told::line(&mut slot, progress, start + Duration::from_secs(seconds))
+        };
+        assert_eq!(at(Stage::Bake, 40, 0, 0), None);
+        assert_eq!(at(Stage::Bake, 45, 100_000_000, 14), None);
+        let line = at(Stage::Bake, 50, 200_000_000, 20);
+        assert_eq!(line.as_deref(), Some("bake 50/100: 10.0 Mray/s, 100.0 s left"));
+        assert_eq!(at(Stage::Bake, 60, 400_000_000, 34), None);
+        assert_eq!(at(Stage::Fit, 0, 0, 40).as_deref(), Some("fit 0/100"));
     }
 }

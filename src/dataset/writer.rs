@@ -67,6 +67,19 @@ impl Writer {
         Ok(Self { root: path.to_path_buf(), layout, committed, _lock: lock })
     }
 
+    /// Whether what is at `path` could be continued with this header; nothing is touched. Tables
+    /// and chunks are not compared.
+    ///
+    /// # Errors
+    /// [`Error::OtherRecipe`], [`Error::Version`], [`Error::OtherContent`] as [`Writer::open`].
+    pub fn check(path: &Path, header: &Header) -> Result<(), Error> {
+        let metadata = path.join("zarr.json");
+        if files::size(&metadata)?.is_none() {
+            return Ok(());
+        }
+        header.agree(path, &Header::read(&metadata)?)
+    }
+
     /// The sizes, with the block size that this data set really has.
     #[must_use]
     pub fn layout(&self) -> &Layout {

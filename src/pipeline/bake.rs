@@ -38,6 +38,15 @@ pub fn bake(job: &Job, path: &Path, watch: &Watch) -> Result<Baked, Error> {
     bake_from(job, path, None, watch)
 }
 
+/// Whether the data set at `path`, if there is one, is of this job; nothing is touched.
+///
+/// # Errors
+/// [`Error::OtherBake`] with the fields that differ.
+pub fn check_place(job: &Job, path: &Path) -> Result<(), Error> {
+    let header = describe::header(job)?;
+    Writer::check(path, &header).map_err(|error| difference::explain(error, path, job))
+}
+
 /// As [`bake()`], taking over what the data set at `from` has of the same poses: the bytes are those
 /// of a bake from nothing.
 ///

@@ -44,7 +44,7 @@ mod validation;
 mod workbench;
 
 pub use crate::dataset::Dataset;
-pub use bake::{Baked, bake, bake_from};
+pub use bake::{Baked, bake, bake_from, check_place};
 pub use buried::buried;
 pub use candidates::{CandidateRecipe, Range, candidates};
 pub use check::{Baseline, BaselineError, Line, junit, page};

@@ -12,6 +12,7 @@ pub(in crate::cli) fn bake(args: &BakeArgs, watch: &Watch) -> anyhow::Result<Ans
     args.bake.edit(&mut recipe)?;
     let mut job = Job::open(&args.scene, recipe)?;
     if args.dry_run {
+        pipeline::check_place(&job, &args.output)?;
         tell_buried(&mut job)?;
         return Ok(planned(&job, &pipeline::plan(&job)?, false));
     }

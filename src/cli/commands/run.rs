@@ -14,6 +14,7 @@ pub(in crate::cli) fn run(args: &RunArgs, watch: &Watch) -> anyhow::Result<Answe
     args.measure.edit(&mut recipe);
     let job = Job::open(&args.scene, recipe)?;
     if args.dry_run {
+        pipeline::check_place(&job, &args.output.join(pipeline::DATASET))?;
         return Ok(super::bake::planned(&job, &pipeline::plan(&job)?, true));
     }
     let outcome = pipeline::run(&job, &args.output, watch)?;
