@@ -3,6 +3,7 @@
 # make test   format, lints, documentation, every test
 # make bench  the measured tables of README
 # make soak   a studio's day against the service: kills, cancels, and the same bytes at its end
+# make grpc   the code of proto/poselight.proto
 # make fuzz   the readers of foreign bytes, ten million runs each
 # Every target brings what it needs; a second run is quick.
 
@@ -15,7 +16,7 @@ DEMO ?= demo
 DEMO_FLAGS ?= --rays 128 --reference-poses 30
 BUILT ?= build
 
-.PHONY: demo serve test bench soak fuzz setup build
+.PHONY: demo serve test bench soak fuzz grpc setup build
 
 setup:
 	@.ci/setup
@@ -59,12 +60,17 @@ fuzz: setup
 	@.ci/setup fuzz
 	@for target in importer blob recipe dataset; do tests/fuzz/run $$target -runs=$(FUZZ_RUNS) || exit 1; done
 
+# Without protoc. What it writes is kept; make test holds it against the interface.
+grpc:
+	$(CARGO) run --locked --quiet --manifest-path tests/generate/Cargo.toml
+
 test: setup $(VENV)/ready
 	@.ci/setup test
 	$(CARGO) fmt --check
 	$(CARGO) update --workspace --locked --quiet --manifest-path tests/fuzz/Cargo.toml
 	$(CARGO) clippy --locked --all-targets -- -D warnings
 	$(CARGO) clippy --locked --lib --no-default-features --features runtime -- -D warnings
+	$(CARGO) run --locked --quiet --manifest-path tests/generate/Cargo.toml -- --check
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --locked --no-deps
 	POSELIGHT_PYTHON="$(CURDIR)/$(VENV)/bin/python" $(CARGO) test --locked
 

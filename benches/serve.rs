@@ -1,5 +1,5 @@
 //! The service under load, by clients of its own over loopback: evaluation with and without a bake
-//! beside it, downloads, idle listeners, the way of a job from submission to work, long lists.
+//! beside it, request by request and as a stream, downloads, idle listeners, the way of a job from submission to work, long lists.
 //!
 //! `cargo bench --bench serve`; a number after `--` is the seconds of each load. Requests are sent
 //! by the clock: an answer's time counts from when its request was due, so that a service that
@@ -10,6 +10,8 @@
 
 #[path = "serve/client.rs"]
 mod client;
+#[path = "serve/stream.rs"]
+mod stream;
 #[path = "synthetic/mod.rs"]
 mod synthetic;
 
@@ -99,11 +101,19 @@ fn evaluation(server: &Server, seconds: f64) {
     println!("| beside | requests | median ms | p99 ms | p99.9 ms |\n|---|---|---|---|---|");
     load(server, &model, body.as_bytes(), 1.0);
     row("nothing", &load(server, &model, body.as_bytes(), seconds));
+    let streamed = || {
+        let url = server.url();
+        stream::rate(&url, server.model(), &light, &parameters, POINTS * 4, seconds / 2.0)
+    };
+    let alone = streamed();
     let bake = long_bake(server, 77);
-    let mut connection = server.connect();
-    wait(&mut connection, &bake, &["running"]);
+    wait(&mut server.connect(), &bake, &["running"]);
     std::thread::sleep(Duration::from_millis(500));
     row("a bake on all threads", &load(server, &model, body.as_bytes(), seconds));
+    let beside = streamed();
+    println!("\ngRPC, one stream: {alone:.0} poses/s, beside the bake {beside:.0} poses/s");
+    // The service lets go of connections that idle.
+    let mut connection = server.connect();
     assert_eq!(
         connection.send("GET", &bake, b"", "").json()["state"],
         "running",

@@ -7,10 +7,14 @@
 mod client;
 #[path = "serve/contract.rs"]
 mod contract;
+#[path = "serve/grpc.rs"]
+mod grpc;
 #[path = "serve/hostile.rs"]
 mod hostile;
 #[path = "serve/kinds.rs"]
 mod kinds;
+#[path = "serve/scenes.rs"]
+mod scenes;
 #[path = "serve/soak.rs"]
 mod soak;
 
@@ -106,6 +110,7 @@ fn a_job_makes_what_the_command_line_makes() {
     let again = server.post("/v1/jobs", &job(&server, &recipe), &[]).json();
     assert_eq!((&again["state"], &again["cached"]), (&json!("succeeded"), &json!(true)));
     evaluations(&server, &model);
+    grpc::streams(&server, &model);
     let page = server.get("/v1/jobs?page_size=1", &[]).json();
     let token = page["next_page_token"].as_i64().expect("more");
     let next = server.get(&format!("/v1/jobs?page_size=5&page_token={token}"), &[]).json();
@@ -341,6 +346,7 @@ fn tokens_are_asked_for() {
     assert_eq!(server.get("/v1/jobs", &[("Authorization", "Bearer psl_0")]).status, 401);
     assert_eq!(server.get("/v1/jobs", &[("Authorization", &bearer(&reader))]).status, 200);
     assert_eq!(server.get("/v1/jobs", &[("Authorization", &bearer(&writer))]).status, 403);
+    grpc::asks_for_tokens(&server, &reader);
     let refused = server.put(
         &format!("/v1/assets/{}", sha256(b"a")),
         b"a",
@@ -387,10 +393,36 @@ fn the_python_client_works() {
     let read = |name: &str| fs::read(server.path(name)).expect("read");
     assert!(read("made.safetensors") == read("out/model.safetensors"), "another model");
     assert!(read("jump.f32").len() > 4, "no values");
+    scenes_of_several_files(&server, &python);
     fs::write(server.path("bad.json"), r#"{"version":1,"bake":{"order":11}}"#).expect("written");
     let output = run(&["bake", "figure.glb", "-o", "no", "--recipe", "bad.json"]);
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(!output.status.success() && message.contains("#/recipe/bake/order"), "{message}");
+}
+
+/// A glTF with its buffer, and a zip of both, are uploaded as the same assets.
+fn scenes_of_several_files(server: &Server, python: &str) {
+    let glb = fs::read(server.path("figure.glb")).expect("made");
+    let (document, buffer) = scenes::apart(&glb);
+    let files = [("hero.gltf", &document[..]), ("data/hero one.bin", &buffer[..])];
+    fs::create_dir(server.path("apart")).expect("made");
+    fs::create_dir(server.path("apart/data")).expect("made");
+    for (name, bytes) in files {
+        fs::write(server.path("apart").join(name), bytes).expect("written");
+    }
+    fs::write(server.path("hero.zip"), scenes::zipped(&files)).expect("written");
+    let script = "import sys, json; from poselight_client import Client
+print(json.dumps([Client(sys.argv[1]).scene(path) for path in sys.argv[2:]]))";
+    let output = std::process::Command::new(python)
+        .args(["-c", script, &server.url(), "apart/hero.gltf", "hero.zip"])
+        .env("PYTHONPATH", concat!(env!("CARGO_MANIFEST_DIR"), "/clients/python"))
+        .current_dir(server.path(""))
+        .output()
+        .expect("started");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let scenes: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let names = json!({ "hero.gltf": sha256(&document), "data/hero one.bin": sha256(&buffer) });
+    assert_eq!(scenes, json!([[names, "hero.gltf"], [names, "hero.gltf"]]));
 }
 
 /// README's blocks of `console` work as typed, against a service elsewhere and with a smaller job.

@@ -135,6 +135,10 @@ impl Server {
         &self.model
     }
 
+    pub(crate) fn url(&self) -> String {
+        format!("http://{}", self.address)
+    }
+
     pub(crate) fn connect(&self) -> Connection {
         let stream = TcpStream::connect(&self.address).expect("connected");
         stream.set_nodelay(true).expect("set");

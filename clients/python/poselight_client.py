@@ -85,6 +85,33 @@ class Client:
                 self._request("PUT", f"/v1/assets/{sha256}?{query}", file, {"Content-Length": size}).close()
         return sha256
 
+    def scene(self, path: str) -> Tuple[Json, str]:
+        """Uploads a scene with its files, as one file, a glTF with its buffers and images, or a zip of
+        them: `assets` of a job, and which of them is the scene."""
+        name, folder = os.path.basename(path), os.path.dirname(path)
+        if name.lower().endswith(".zip"):
+            return self._archive(path)
+        assets = {name: self.upload(path)}
+        if name.lower().endswith(".gltf"):
+            with open(path, encoding="utf-8") as file:
+                document = json.load(file)
+            parts = [*document.get("buffers", []), *document.get("images", [])]
+            uris = [part["uri"] for part in parts if not part.get("uri", "data:").startswith("data:")]
+            for uri in map(urllib.parse.unquote, uris):
+                assets[uri] = self.upload(os.path.join(folder, uri))
+        return assets, name
+
+    def _archive(self, path: str) -> Tuple[Json, str]:
+        with open(path, "rb") as file:
+            data = file.read()
+        place = f"/v1/assets/{hashlib.sha256(data).hexdigest()}?name=scene.zip"
+        with self._request("PUT", place, data) as response:
+            assets = json.load(response)["files"]
+        scenes = [name for name in assets if name.lower().endswith((".gltf", ".glb", ".obj", ".npz"))]
+        if len(scenes) != 1:
+            raise OSError(f"{path} has {len(scenes)} scenes: submit the one that is meant")
+        return assets, scenes[0]
+
     def submit(self, assets: Mapping[str, str], recipe: Json, key: Optional[str] = None, priority: int = 0,
                kind: str = "run") -> Any:
         """Submits a job on a scene, `run` or `bake`; with a key it can be repeated safely."""
@@ -148,8 +175,9 @@ class Client:
 
     def bake(self, scene: str, recipe: Json, progress: Any = None) -> Any:
         """Uploads, submits and follows; the finished job."""
-        name = os.path.basename(scene)
-        return self.finish(self.submit({name: self.upload(scene)}, recipe)["id"], progress)
+        assets, file = self.scene(scene)
+        recipe = {**recipe, "scene": {**recipe.get("scene", {}), "file": file}}
+        return self.finish(self.submit(assets, recipe)["id"], progress)
 
     def download(self, model: str, path: str) -> None:
         """Writes a model's blob to a file, which appears whole or not at all."""
@@ -231,8 +259,9 @@ def _bake(client: Client, args: argparse.Namespace) -> None:
     client.download(model, args.output)
     if args.clip:
         times = [frame / 30.0 for frame in range(args.frames)]
-        assets = {os.path.basename(args.scene): client.upload(args.scene)}
-        shape, values = client.evaluate(model, {"clip": {"assets": assets, "name": args.clip, "times_s": times}})
+        assets, file = client.scene(args.scene)
+        clip = {"assets": assets, "file": file, "name": args.clip, "times_s": times}
+        shape, values = client.evaluate(model, {"clip": clip})
         with open(args.values, "wb") as file:
             file.write(values.tobytes())
         print(f"{args.values} {list(shape)}")

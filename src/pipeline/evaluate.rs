@@ -1,10 +1,9 @@
 //! A model at poses: from clips, joint rotations or parameters to coefficients or shading by vertex.
 
-use glam::Vec3;
-
+use super::evaluate_posed::surface;
 use crate::model::{self, Distance, Folded, Frame, JointPose, Model, PosedInput, Signal, Surface};
 use crate::pose;
-use crate::rig::{self, Deformed, Pose, RigidFrame};
+use crate::rig::{Deformed, Pose, RigidFrame};
 use crate::scene::Scene;
 
 fn known_clips(known: &[String]) -> String {
@@ -46,6 +45,23 @@ pub enum EvaluateError {
          scene and its clip"
     )]
     NeedsScene,
+    /// Positions of another mesh.
+    #[error("{found} numbers are no positions of {vertices} vertices, three each")]
+    Positions {
+        /// Given.
+        found: usize,
+        /// Of the model's mesh.
+        vertices: usize,
+    },
+    /// A position that is not finite.
+    #[error("the position of vertex {0} is not finite")]
+    PositionNotFinite(usize),
+    /// Positions do not give parameters.
+    #[error(
+        "the model's {0} parameters come from joints or morph weights, which positions of vertices do \
+         not give"
+    )]
+    NeedsJoints(usize),
     /// Coefficients in the frames of bones cannot meet a light.
     #[error("the model is in the bone frame: a light needs poses, not parameters")]
     NeedsPose,
@@ -76,11 +92,11 @@ pub enum EvaluateError {
 /// One pose as the model takes it.
 #[derive(Debug, Clone)]
 pub struct Query {
-    parameters: Vec<f32>,
+    pub(super) parameters: Vec<f32>,
     /// Absent where only parameters are known: the values then stay in the model's frame.
-    pose: Option<Pose>,
+    pub(super) pose: Option<Pose>,
     /// Where the model looks at the posed mesh: its points in the root frame.
-    surface: Option<Deformed>,
+    pub(super) surface: Option<Deformed>,
 }
 
 impl Query {
@@ -238,35 +254,8 @@ impl Query {
     }
 }
 
-/// The model's points as the scene poses them, in the root frame. `of_scene` has the scene's order
-/// of nodes, `pose` the model's.
-fn surface(
-    model: &Model,
-    scene: &Scene,
-    of_scene: &Pose,
-    pose: &Pose,
-) -> Result<Deformed, EvaluateError> {
-    let (found, expected) = (scene.mesh.positions.len(), model.header().mesh.vertices as usize);
-    if found != expected {
-        return Err(EvaluateError::Vertices { found, expected });
-    }
-    let globals = scene.skeleton.globals(&of_scene.local);
-    let mut deformed = Deformed::default();
-    let root = model.root_frame_of(pose)?;
-    rig::deform(&scene.mesh, &globals, &of_scene.weights, root, &mut deformed);
-    let mut points = Deformed {
-        positions: vec![Vec3::ZERO; model.shape().points],
-        normals: vec![Vec3::Y; model.shape().points],
-    };
-    for (vertex, &point) in model.point_of_vertex().iter().enumerate() {
-        points.positions[point as usize] = deformed.positions[vertex];
-        points.normals[point as usize] = deformed.normals[vertex];
-    }
-    Ok(points)
-}
-
 /// The scene's node for each of the model's.
-fn node_order(model: &Model, scene: &Scene) -> Result<Vec<usize>, EvaluateError> {
+pub(super) fn node_order(model: &Model, scene: &Scene) -> Result<Vec<usize>, EvaluateError> {
     let find =
         |name: &String| scene.skeleton.find(name).ok_or_else(|| EvaluateError::Node(name.clone()));
     model.header().rig.nodes.iter().map(|node| find(&node.name)).collect()

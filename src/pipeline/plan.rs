@@ -101,11 +101,9 @@ pub fn plan(job: &Job) -> Result<Plan, Error> {
     let per_point = times * calibration.rays_per_point;
     let reference_rays =
         ((reference_bakes * layout.points as u64) as f64 * per_point).round() as u64;
-    let normals_bytes = layout.points as u64 * 12 * reference_bakes / 2;
     Ok(Plan {
         rays_per_point: rays_per_point(&job.recipe.bake),
-        reference_bytes: reference_bakes * layout.points as u64 * (layout.row() as u64 + 1) * 4
-            + normals_bytes,
+        reference_bytes: reference_bytes(job, &layout),
         reference_rays,
         reference_s: reference_rays as f64 / calibration.rays_per_s,
         poses: layout.poses,
@@ -125,6 +123,22 @@ pub fn plan(job: &Job) -> Result<Plan, Error> {
 pub fn memory_bytes(job: &Job) -> Result<u64, Error> {
     let baker = job.baker(&job.checked.bake, job.checked.noise)?;
     Ok(peak(job, &baker, &describe::header(job)?.layout))
+}
+
+/// What a job writes: the data set and, where it is measured, its references.
+///
+/// # Errors
+/// What the stages object to.
+pub fn disk_bytes(job: &Job, measured: bool) -> Result<u64, Error> {
+    let layout = describe::header(job)?.layout;
+    let references = if measured { reference_bytes(job, &layout) } else { 0 };
+    Ok(layout.disk_bytes() + scene_bytes(job) + references)
+}
+
+fn reference_bytes(job: &Job, layout: &Layout) -> u64 {
+    let bakes = 2 * reference_poses(job) as u64;
+    let normals_bytes = layout.points as u64 * 12 * bakes / 2;
+    bakes * layout.points as u64 * (layout.row() as u64 + 1) * 4 + normals_bytes
 }
 
 fn peak(job: &Job, baker: &Baker, layout: &Layout) -> u64 {

@@ -1,5 +1,6 @@
 //! `/v1/assets/{sha256}`: files, uploaded once by their content.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -17,7 +18,7 @@ use tokio::io::AsyncWriteExt;
 use super::answer::{self, Params, blocking, content_length, is_sha256};
 use super::problem::Problem;
 use super::store::{Asset, hexadecimal};
-use super::{Limits, Service, StoreError, files, store};
+use super::{Limits, Service, StoreError, bundle, files, store};
 use crate::pipeline;
 
 /// How an upload says what its bytes are.
@@ -27,6 +28,12 @@ pub(super) struct UploadQuery {
     /// A file name; its extension tells a scene from other files.
     name: Option<String>,
 }
+
+/// The kind of an archive that was taken apart.
+const BUNDLE: &str = "bundle";
+
+/// Files of an archive: name → SHA-256.
+type Parts = BTreeMap<String, String>;
 
 /// A repeated upload up to this size is read to its end, so that a client that does not wait for
 /// `100 Continue` gets its answer.
@@ -51,7 +58,7 @@ pub(super) async fn put(
         if length.is_some_and(|length| length <= READ_ANYWAY) {
             drop(answer::bytes(&headers, body, READ_ANYWAY).await);
         }
-        return Ok(answer::json(StatusCode::OK, &show(&asset)));
+        return again(&service, &asset).await;
     }
     check_room(&service, length).await?;
     let incoming = Arc::new(service.store.folder().incoming()?);
@@ -66,13 +73,40 @@ pub(super) async fn put(
     }
     let permit = service.imports.acquire().await.map_err(|error| Problem::internal(&error))?;
     let worker = Arc::clone(&service);
-    let asset = blocking(move || {
-        let _incoming = incoming;
-        keep(&worker, &path, &sha256, bytes)
+    let shown = blocking(move || {
+        let parts = parts(&worker, &path, incoming.path())?;
+        let asset = keep(&worker, &path, &sha256, bytes, parts.is_some())?;
+        Ok(show(&asset, parts))
     });
-    let asset = asset.await?;
+    let shown = shown.await?;
     drop(permit);
-    Ok(answer::json(StatusCode::CREATED, &show(&asset)))
+    Ok(answer::json(StatusCode::CREATED, &shown))
+}
+
+/// An asset that was there. Files of an archive may have been removed since: they are there again.
+async fn again(service: &Arc<Service>, asset: &Asset) -> Result<Response, Problem> {
+    let mut parts = None;
+    if asset.kind == BUNDLE {
+        let permit = service.imports.acquire().await.map_err(|error| Problem::internal(&error))?;
+        let (worker, sha256) = (Arc::clone(service), asset.sha256.clone());
+        let unpacked = blocking(move || {
+            let incoming = worker.store.folder().incoming()?;
+            bundle::unpack(&worker, &worker.store.folder().asset(&sha256), incoming.path())
+        });
+        parts = Some(unpacked.await?);
+        drop(permit);
+    }
+    Ok(answer::json(StatusCode::OK, &show(asset, parts)))
+}
+
+/// The files of an archive; none of what is no archive.
+fn parts(service: &Service, path: &Path, incoming: &Path) -> Result<Option<Parts>, Problem> {
+    if path.extension().is_none_or(|extension| extension != "zip") {
+        return Ok(None);
+    }
+    let folder = incoming.join("files");
+    store::create(&folder)?;
+    bundle::unpack(service, path, &folder).map(Some)
 }
 
 pub(super) async fn get(
@@ -96,19 +130,23 @@ async fn lookup(service: &Arc<Service>, sha256: &str) -> Result<Option<Asset>, P
     blocking(move || Ok(service.store.asset(&sha256)?)).await
 }
 
-fn show(asset: &Asset) -> Value {
-    json!({
+fn show(asset: &Asset, parts: Option<Parts>) -> Value {
+    let mut shown = json!({
         "sha256": asset.sha256,
         "bytes": asset.bytes,
         "kind": asset.kind,
         "created_ms": asset.created_ms,
-    })
+    });
+    if let Some(parts) = parts {
+        shown["files"] = json!(parts);
+    }
+    shown
 }
 
 /// The extension of a file that the importer reads on its own.
 fn extension(name: Option<&str>) -> Option<&'static str> {
     let extension = Path::new(name?).extension()?.to_str()?.to_ascii_lowercase();
-    ["glb", "obj", "npz", "hdr", "exr"].into_iter().find(|known| *known == extension)
+    ["glb", "obj", "npz", "hdr", "exr", "zip"].into_iter().find(|known| *known == extension)
 }
 
 /// Refuses what is too large before it is sent.
@@ -128,7 +166,7 @@ async fn check_room(service: &Arc<Service>, length: Option<u64>) -> Result<(), P
     Ok(())
 }
 
-fn too_large(most: u64) -> Problem {
+pub(super) fn too_large(most: u64) -> Problem {
     let detail = format!("the asset has more than {most} bytes");
     Problem::new(StatusCode::PAYLOAD_TOO_LARGE, "asset-too-large", detail)
         .limit("asset_bytes", most)
@@ -163,8 +201,16 @@ async fn receive(body: Body, path: &PathBuf, limits: &Limits) -> Result<(u64, St
 }
 
 /// Imports a scene, and moves a sound file to its place.
-fn keep(service: &Service, path: &Path, sha256: &str, bytes: u64) -> Result<Asset, Problem> {
-    let kind = if is_map(path) {
+fn keep(
+    service: &Service,
+    path: &Path,
+    sha256: &str,
+    bytes: u64,
+    is_bundle: bool,
+) -> Result<Asset, Problem> {
+    let kind = if is_bundle {
+        BUNDLE
+    } else if is_map(path) {
         check_map(path)?;
         "light"
     } else {

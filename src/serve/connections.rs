@@ -1,28 +1,110 @@
-//! Connections: bounded in number, in the time and size of a request's head, and let go in peace
-//! when the service ends.
+//! Connections: of HTTP/1.1 or, for gRPC and whoever else begins so, of HTTP/2; bounded in number, in
+//! the time and size of a request's head, and let go in peace when the service ends.
 
+use std::io::Cursor;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use axum::Router;
-use hyper::server::conn::http1;
-use hyper_util::rt::{TokioIo, TokioTimer};
-use hyper_util::server::graceful::GracefulShutdown;
+use hyper::server::conn::{http1, http2};
+use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
+use hyper_util::server::graceful::{GracefulShutdown, Watcher};
 use hyper_util::service::TowerToHyperService;
-use tokio::net::TcpListener;
+use tokio::io::AsyncReadExt;
+use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{Semaphore, watch};
 
 use super::{FAREWELL, Limits};
 
 /// Bytes of a request's head at most.
-const HEAD_BYTES: usize = 64 << 10;
+const HEAD_BYTES: u32 = 64 << 10;
 
 /// Headers of a request at most.
 const HEADERS: usize = 100;
 
+/// Requests at once on a connection of HTTP/2.
+const STREAMS: u32 = 64;
+
+/// Bytes that a client may send ahead on one stream of HTTP/2. Its connection has room for all of its
+/// streams, so that one which nobody reads does not hold up the others.
+const STREAM_BYTES: u32 = 128 << 10;
+
+/// Between two looks whether the other end of a connection of HTTP/2 is still there.
+const LOOK: Duration = Duration::from_secs(20);
+
 /// After a failure to accept, such as no free descriptor.
 const PAUSE: Duration = Duration::from_millis(100);
+
+/// What a client of HTTP/2 begins with where nothing else tells the version (RFC 9113, §3.4). No
+/// method of HTTP/1 begins as its first three letters do.
+const PREFACE: &[u8] = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n";
+
+/// Speaks with one client after another, each version in its own way.
+struct Speaker {
+    http1: http1::Builder,
+    http2: http2::Builder<TokioExecutor>,
+    app: TowerToHyperService<Router>,
+    /// For the first bytes.
+    patience: Duration,
+    stopping: watch::Receiver<bool>,
+}
+
+impl Speaker {
+    fn new(limits: Limits, app: Router, stopping: watch::Receiver<bool>) -> Self {
+        let patience = Duration::from_secs(u64::from(limits.head_s));
+        let mut http1 = http1::Builder::new();
+        http1
+            .timer(TokioTimer::new())
+            .header_read_timeout(patience)
+            .max_buf_size(HEAD_BYTES as usize)
+            .max_headers(HEADERS);
+        let mut http2 = http2::Builder::new(TokioExecutor::new());
+        http2
+            .timer(TokioTimer::new())
+            .max_header_list_size(HEAD_BYTES)
+            .max_concurrent_streams(STREAMS)
+            .initial_stream_window_size(STREAM_BYTES)
+            .initial_connection_window_size(STREAMS * STREAM_BYTES)
+            .keep_alive_interval(LOOK)
+            .keep_alive_timeout(patience.max(PAUSE));
+        Self { http1, http2, app: TowerToHyperService::new(app), patience, stopping }
+    }
+
+    /// One connection to its end.
+    async fn speak(&self, mut stream: TcpStream, watcher: Watcher) {
+        let mut first = Vec::with_capacity(PREFACE.len());
+        let mut stopping = self.stopping.clone();
+        let begun = tokio::select! {
+            begun = tokio::time::timeout(self.patience, begin(&mut stream, &mut first)) => begun,
+            _ = stopping.wait_for(|stopping| *stopping) => return,
+        };
+        let Ok(Ok(is_http2)) = begun else { return };
+        // What was read to find out is read again.
+        let (reading, writing) = stream.into_split();
+        let io = TokioIo::new(tokio::io::join(Cursor::new(first).chain(reading), writing));
+        // A client that vanishes is no fault of ours.
+        if is_http2 {
+            let connection = self.http2.serve_connection(io, self.app.clone());
+            let _ = watcher.watch(connection).await;
+        } else {
+            let connection = self.http1.serve_connection(io, self.app.clone());
+            let _ = watcher.watch(connection).await;
+        }
+    }
+}
+
+/// Reads until it is known whether a client begins as HTTP/2 does.
+async fn begin(stream: &mut TcpStream, first: &mut Vec<u8>) -> std::io::Result<bool> {
+    while first.len() < PREFACE.len() {
+        let left = (PREFACE.len() - first.len()) as u64;
+        let count = (&mut *stream).take(left).read_buf(first).await?;
+        if count == 0 || !PREFACE.starts_with(first) {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
 
 /// Accepts connections until the service stops, then waits for the open ones, not for ever.
 pub(super) async fn accept(
@@ -36,15 +118,9 @@ pub(super) async fn accept(
         Ok(listener) => listener,
         Err(error) => return tracing::error!(%error, "cannot listen"),
     };
-    let mut builder = http1::Builder::new();
-    builder
-        .timer(TokioTimer::new())
-        .header_read_timeout(Duration::from_secs(u64::from(limits.head_s)))
-        .max_buf_size(HEAD_BYTES)
-        .max_headers(HEADERS);
+    let speaker = Arc::new(Speaker::new(limits, app, stopping.clone()));
     let places = Arc::new(Semaphore::new(limits.connections as usize));
     let graceful = GracefulShutdown::new();
-    let app = TowerToHyperService::new(app);
     loop {
         let Ok(place) = Arc::clone(&places).acquire_owned().await else { break };
         let accepted = tokio::select! {
@@ -61,13 +137,11 @@ pub(super) async fn accept(
         };
         // Small answers go out at once.
         let _ = stream.set_nodelay(true);
-        let connection = builder.serve_connection(TokioIo::new(stream), app.clone());
-        let connection = graceful.watch(connection);
-        let open = Arc::clone(&open);
+        let (open, speaker, watcher) =
+            (Arc::clone(&open), Arc::clone(&speaker), graceful.watcher());
         open.fetch_add(1, Ordering::Relaxed);
         tokio::spawn(async move {
-            // A client that vanishes is no fault of ours.
-            let _ = connection.await;
+            speaker.speak(stream, watcher).await;
             open.fetch_sub(1, Ordering::Relaxed);
             drop(place);
         });

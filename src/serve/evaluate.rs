@@ -15,20 +15,30 @@ use super::poses::{EvaluateRequest, refused};
 use super::problem::Problem;
 use super::{Service, files};
 use crate::model::{Distance, Model};
+use crate::pipeline::{Light, Query};
 
 /// The kind of an answer of raw numbers.
 pub(super) const RAW: &str = "application/octet-stream";
 
 /// Values and how far to trust them.
-struct Values {
+pub(super) struct Values {
     /// `[pose, vertex, channel, coefficient]`, or `[pose, vertex, colour]` under a light.
-    shape: Vec<usize>,
-    values: Vec<f32>,
-    frame: &'static str,
+    pub(super) shape: Vec<usize>,
+    pub(super) values: Vec<f32>,
+    pub(super) frame: &'static str,
     /// One per pose.
-    distances: Vec<Distance>,
+    pub(super) distances: Vec<Distance>,
     /// What a distance's residual is to be compared with.
-    residual_rms: f32,
+    pub(super) residual_rms: f32,
+}
+
+/// What is evaluated at poses.
+pub(super) struct Asked<'a> {
+    pub(super) model: &'a Model,
+    /// Shading under this light in place of coefficients.
+    pub(super) light: Option<&'a Light>,
+    /// Only these vertices; all when absent.
+    pub(super) vertices: Option<&'a [u32]>,
 }
 
 pub(super) async fn post(
@@ -61,34 +71,45 @@ fn evaluate(
     model: &Model,
     request: &EvaluateRequest,
 ) -> Result<Values, Problem> {
-    let header = model.header();
     let light = request.light(service, id, model)?;
-    let queries = request.queries(service, model)?;
     let vertices = request.vertices.as_deref();
-    let rows = vertices.map_or(header.mesh.vertices as usize, <[u32]>::len);
-    let mut shape = vec![queries.len(), rows];
-    match &light {
-        Some(light) => shape.push(light.colours(model)),
-        None => shape.extend([usize::from(header.channels), header.coefficients()]),
+    let asked = Asked { model, light: light.as_deref(), vertices };
+    asked.values(service, &request.queries(service, model)?)
+}
+
+impl Asked<'_> {
+    /// The values at some poses.
+    ///
+    /// # Errors
+    /// `answer_bytes`; what the model objects to.
+    pub(super) fn values(&self, service: &Service, queries: &[Query]) -> Result<Values, Problem> {
+        let (model, header) = (self.model, self.model.header());
+        let rows = self.vertices.map_or(header.mesh.vertices as usize, <[u32]>::len);
+        let mut shape = vec![queries.len(), rows];
+        match self.light {
+            Some(light) => shape.push(light.colours(model)),
+            None => shape.extend([usize::from(header.channels), header.coefficients()]),
+        }
+        let most = service.settings.limits.answer_bytes;
+        let wanted = shape.iter().fold(4_u64, |bytes, &n| bytes.saturating_mul(n as u64));
+        if wanted > most {
+            let fault = format!(
+                "the values of {shape:?} have {wanted} bytes; at most {most} are sent at once"
+            );
+            return Err(Problem::field("#", fault).limit("answer_bytes", most));
+        }
+        let mut values = Vec::with_capacity(wanted as usize / 4);
+        let mut distances = Vec::with_capacity(queries.len());
+        for query in queries {
+            let refuse = |error| refused("#".to_owned(), &error);
+            distances.push(query.distance(model).map_err(refuse)?);
+            query.values(model, self.light, self.vertices, &mut values).map_err(refuse)?;
+        }
+        let turned = queries.iter().all(|query| query.is_turned(model));
+        let frame = if turned { "root" } else { "bone" };
+        let residual_rms = header.training.residual_rms;
+        Ok(Values { shape, values, frame, distances, residual_rms })
     }
-    let most = service.settings.limits.answer_bytes;
-    let wanted = shape.iter().fold(4_u64, |bytes, &n| bytes.saturating_mul(n as u64));
-    if wanted > most {
-        let fault =
-            format!("the values of {shape:?} have {wanted} bytes; at most {most} are sent at once");
-        return Err(Problem::field("#", fault).limit("answer_bytes", most));
-    }
-    let mut values = Vec::with_capacity(wanted as usize / 4);
-    let mut distances = Vec::with_capacity(queries.len());
-    for query in &queries {
-        let refuse = |error| refused("#".to_owned(), &error);
-        distances.push(query.distance(model).map_err(refuse)?);
-        query.values(model, light.as_deref(), vertices, &mut values).map_err(refuse)?;
-    }
-    let turned = queries.iter().all(|query| query.is_turned(model));
-    let frame = if turned { "root" } else { "bone" };
-    let residual_rms = header.training.residual_rms;
-    Ok(Values { shape, values, frame, distances, residual_rms })
 }
 
 fn as_json(values: &Values) -> Response {
@@ -117,6 +138,7 @@ fn as_bytes(values: &Values) -> Response {
     files::with(response, "poselight-residual-max", &residual.to_string())
 }
 
-fn little_endian(values: &[f32]) -> Vec<u8> {
+/// The numbers as raw bytes.
+pub(super) fn little_endian(values: &[f32]) -> Vec<u8> {
     values.iter().flat_map(|value| value.to_le_bytes()).collect()
 }

@@ -13,7 +13,7 @@ use axum::response::{IntoResponse, Response};
 use super::answer::{blocking, text};
 use super::problem::Problem;
 use super::store::{hash_of, random_id};
-use super::{Service, files, origins};
+use super::{Service, files, grpc, origins};
 
 /// Who asks.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -39,6 +39,7 @@ pub(super) async fn guard(
     let id = random_id().unwrap_or_default();
     let (method, path) = (request.method().clone(), request.uri().path().to_owned());
     let mut name = String::new();
+    name_host(&mut request);
     let headers = request.headers().clone();
     let origin = origins::allowed(&service.settings.origins, &headers);
     if let Some(answer) = origins::preflight(&method, &headers, origin.as_ref()) {
@@ -49,6 +50,7 @@ pub(super) async fn guard(
         refused => refused,
     };
     let mut response = match admitted {
+        Err(problem) if grpc::is_grpc(&headers) => grpc::refusal(&problem),
         Err(problem) => problem.into_response(),
         Ok(client) => {
             name.clone_from(&client.name);
@@ -67,6 +69,15 @@ pub(super) async fn guard(
     let ms = start.elapsed().as_millis() as u64;
     tracing::info!(request = id, client = name, %method, path, status, ms, "answered");
     files::with(response, "poselight-request", &id)
+}
+
+/// HTTP/2 names the host as a part of the address; the rest of the service finds it where HTTP/1 has
+/// it.
+fn name_host(request: &mut Request) {
+    let authority = request.uri().authority().map(|authority| authority.as_str().to_owned());
+    if let Some(Ok(host)) = authority.map(|host| HeaderValue::from_str(&host)) {
+        request.headers_mut().insert(header::HOST, host);
+    }
 }
 
 /// Lets a client pass that does not ask too often.
@@ -102,6 +113,7 @@ async fn in_time(service: &Service, request: Request, next: Next) -> Response {
 fn is_stream(method: &Method, path: &str) -> bool {
     (path.starts_with("/v1/assets/") && *method != Method::HEAD)
         || path.ends_with("/events")
+        || grpc::is_path(path)
         || path.ends_with("/blob")
 }
 
@@ -117,7 +129,8 @@ async fn admit(
         let page = origins::allowed(&service.settings.origins, headers).is_some();
         return local(headers, page).map(|()| Client { name: String::new() });
     }
-    if matches!(path, "/health" | "/ready" | "/openapi.json" | "/docs") {
+    let open = matches!(path, "/health" | "/ready" | "/openapi.json" | "/docs");
+    if open || path.starts_with(grpc::HEALTH) {
         return Ok(Client { name: String::new() });
     }
     let secret = text(headers, "authorization")
@@ -141,7 +154,9 @@ async fn admit(
 
 /// What a token must allow; an evaluation changes nothing.
 fn scope(method: &Method, path: &str) -> &'static str {
-    let reads = matches!(*method, Method::GET | Method::HEAD) || path.ends_with("/evaluate");
+    let reads = matches!(*method, Method::GET | Method::HEAD)
+        || path.ends_with("/evaluate")
+        || grpc::is_path(path);
     if reads { "read" } else { "write" }
 }
 
@@ -216,6 +231,7 @@ mod tests {
         assert_eq!(scope(&Method::GET, "/v1/jobs"), "read");
         assert_eq!(scope(&Method::POST, "/v1/jobs"), "write");
         assert_eq!(scope(&Method::POST, "/v1/models/x/evaluate"), "read");
+        assert_eq!(scope(&Method::POST, "/poselight.v1.Evaluation/Evaluate"), "read");
         assert_eq!(scope(&Method::DELETE, "/v1/models/x"), "write");
     }
 }

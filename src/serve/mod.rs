@@ -12,11 +12,14 @@
 mod answer;
 mod assets;
 mod broken;
+mod bundle;
 mod connections;
+mod disk;
 mod docs;
 mod evaluate;
 mod events;
 mod files;
+mod grpc;
 mod guard;
 mod health;
 mod hot;

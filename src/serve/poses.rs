@@ -12,9 +12,9 @@ use super::assets::bad_asset;
 use super::problem::Problem;
 use super::request::is_safe;
 use crate::model::{self, JointPose, JointTransform, Model};
-use crate::pipeline::{self, EvaluateError, Light, Query};
+use crate::pipeline::{self, EvaluateError, Light, Query, Scene};
 
-/// A request for values at poses: exactly one of `poses`, `parameters` and `clip`.
+/// A request for values at poses: exactly one of `poses`, `parameters`, `positions` and `clip`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct EvaluateRequest {
@@ -22,8 +22,12 @@ pub(super) struct EvaluateRequest {
     poses: Option<Vec<PoseRequest>>,
     /// Poses by the model's own parameters.
     parameters: Option<Vec<Vec<f32>>>,
+    /// Poses by the vertices of the posed mesh, `[vertex, 3]` each.
+    positions: Option<Vec<Vec<f32>>>,
     /// Poses of a clip of an uploaded scene.
     clip: Option<ClipRequest>,
+    /// The scene that the model is of; beside `poses` of models that look at the posed mesh.
+    scene: Option<SceneRequest>,
     /// Only these vertices, in this order; all when absent.
     pub(super) vertices: Option<Vec<u32>>,
     /// Shading under this light in place of coefficients.
@@ -33,20 +37,20 @@ pub(super) struct EvaluateRequest {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 #[derive(Default)]
-struct PoseRequest {
-    joints: BTreeMap<String, JointRequest>,
-    weights: BTreeMap<String, f32>,
+pub(super) struct PoseRequest {
+    pub(super) joints: BTreeMap<String, JointRequest>,
+    pub(super) weights: BTreeMap<String, f32>,
 }
 
 /// A joint's local transform, as far as it is not at rest.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-struct JointRequest {
+pub(super) struct JointRequest {
     /// Quaternion x, y, z, w; normalised.
-    rotation: Option<[f32; 4]>,
+    pub(super) rotation: Option<[f32; 4]>,
     /// Metres.
-    translation: Option<[f32; 3]>,
-    scale: Option<[f32; 3]>,
+    pub(super) translation: Option<[f32; 3]>,
+    pub(super) scale: Option<[f32; 3]>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -61,22 +65,37 @@ struct ClipRequest {
     times_s: Vec<f32>,
 }
 
+/// An uploaded scene.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SceneRequest {
+    /// Its files: name → SHA-256 of an uploaded asset.
+    pub(super) assets: BTreeMap<String, String>,
+    /// The main one; may be left out where there is only one.
+    pub(super) file: Option<String>,
+}
+
 /// Exactly one of `coefficients` and `asset`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct LightRequest {
+pub(super) struct LightRequest {
     /// n² coefficients of incoming radiance in the root frame, for 1 or 3 colours.
-    coefficients: Option<Vec<Vec<f32>>>,
+    pub(super) coefficients: Option<Vec<Vec<f32>>>,
     /// SHA-256 of an uploaded map.
-    asset: Option<String>,
+    pub(super) asset: Option<String>,
     /// The map is turned so far about +Y.
     #[serde(default)]
-    turn_degrees: f64,
+    pub(super) turn_degrees: f64,
 }
 
 impl LightRequest {
     /// The light on a model, from the cache where it was met before.
-    fn on(&self, service: &Service, id: &str, model: &Model) -> Result<Arc<Light>, Problem> {
+    pub(super) fn on(
+        &self,
+        service: &Service,
+        id: &str,
+        model: &Model,
+    ) -> Result<Arc<Light>, Problem> {
         match (&self.coefficients, &self.asset) {
             (Some(colours), None) => {
                 let mut name = Vec::new();
@@ -112,6 +131,9 @@ impl LightRequest {
     }
 }
 
+/// What a request that says too little or too much is told.
+const ONE_OF: &str = "give one of `poses`, `parameters`, `positions` and `clip`";
+
 impl EvaluateRequest {
     /// The poses as the model takes them.
     ///
@@ -128,16 +150,29 @@ impl EvaluateRequest {
             .limit("poses", u64::from(most))),
             _ => Ok(()),
         };
-        match (&self.poses, &self.parameters, &self.clip) {
-            (Some(poses), None, None) => {
+        if self.scene.is_some() && self.poses.is_none() {
+            return Err(Problem::field("#/scene", "it stands beside `poses`"));
+        }
+        match (&self.poses, &self.parameters, &self.positions, &self.clip) {
+            (Some(poses), None, None, None) => {
                 many("#/poses", poses.len())?;
+                let scene = self.scene.as_ref().map(|scene| scene.import(service, "#/scene"));
+                let scene = scene.transpose()?;
                 let query = |(index, pose): (usize, &PoseRequest)| {
-                    let query = Query::from_joints(model, &pose.pose());
+                    let query = pose.query(model, scene.as_ref());
                     query.map_err(|error| refused(format!("#/poses/{index}"), &error))
                 };
                 poses.iter().enumerate().map(query).collect()
             }
-            (None, Some(rows), None) => {
+            (None, None, Some(meshes), None) => {
+                many("#/positions", meshes.len())?;
+                let query = |(index, mesh): (usize, &Vec<f32>)| {
+                    let query = Query::from_positions(model, mesh);
+                    query.map_err(|error| refused(format!("#/positions/{index}"), &error))
+                };
+                meshes.iter().enumerate().map(query).collect()
+            }
+            (None, Some(rows), None, None) => {
                 many("#/parameters", rows.len())?;
                 let query = |(index, row): (usize, &Vec<f32>)| {
                     let query = Query::from_parameters(model, row);
@@ -145,11 +180,11 @@ impl EvaluateRequest {
                 };
                 rows.iter().enumerate().map(query).collect()
             }
-            (None, None, Some(clip)) => {
+            (None, None, None, Some(clip)) => {
                 many("#/clip/times_s", clip.times_s.len())?;
                 clip.queries(service, model)
             }
-            _ => Err(Problem::field("#", "give one of `poses`, `parameters` and `clip`")),
+            _ => Err(Problem::field("#", ONE_OF)),
         }
     }
 
@@ -168,6 +203,18 @@ impl EvaluateRequest {
 }
 
 impl PoseRequest {
+    /// The pose as a model takes it, with the scene where one is given.
+    pub(super) fn query(
+        &self,
+        model: &Model,
+        scene: Option<&Scene>,
+    ) -> Result<Query, EvaluateError> {
+        match scene {
+            Some(scene) => Query::from_joints_in(model, scene, &self.pose()),
+            None => Query::from_joints(model, &self.pose()),
+        }
+    }
+
     fn pose(&self) -> JointPose {
         let transform = |joint: &JointRequest| JointTransform {
             rotation: joint.rotation.map(Quat::from_array),
@@ -185,9 +232,25 @@ impl ClipRequest {
             let fault = "a time is zero or a positive number of seconds";
             return Err(Problem::field(format!("#/clip/times_s/{at}"), fault));
         }
+        let scene = SceneRequest { assets: self.assets.clone(), file: self.file.clone() };
+        let scene = scene.import(service, "#/clip")?;
+        Query::from_clip(model, &scene, &self.name, self.times_s.iter().copied())
+            .map_err(|error| refused("#/clip".to_owned(), &error))
+    }
+}
+
+impl SceneRequest {
+    /// The scene; `pointer` is where it stands in the request.
+    ///
+    /// # Errors
+    /// What is wrong with it, with its field.
+    pub(super) fn import(&self, service: &Service, pointer: &str) -> Result<Scene, Problem> {
         let only = self.assets.keys().next().filter(|_| self.assets.len() == 1);
         let Some(file) = self.file.as_ref().or(only) else {
-            return Err(Problem::field("#/clip/file", "say which of the assets is the scene"));
+            return Err(Problem::field(
+                format!("{pointer}/file"),
+                "say which of the assets is the scene",
+            ));
         };
         let incoming = service.store.folder().incoming()?;
         for (name, sha256) in &self.assets {
@@ -195,19 +258,16 @@ impl ClipRequest {
                 is_safe(name) && is_sha256(sha256) && service.store.asset(sha256)?.is_some();
             if !known {
                 let fault = format!("`{name}` does not name an uploaded asset");
-                return Err(Problem::field("#/clip/assets", fault));
+                return Err(Problem::field(format!("{pointer}/assets"), fault));
             }
             let path = incoming.path().join(name);
             super::store::create(path.parent().unwrap_or(incoming.path()))?;
             super::files::link(&service.store.folder().asset(sha256), &path)?;
         }
         if !self.assets.contains_key(file) {
-            return Err(Problem::field("#/clip/file", "it is none of the assets"));
+            return Err(Problem::field(format!("{pointer}/file"), "it is none of the assets"));
         }
-        let scene = pipeline::import(&incoming.path().join(file));
-        let scene = scene.map_err(|error| bad_asset(&error))?;
-        Query::from_clip(model, &scene, &self.name, self.times_s.iter().copied())
-            .map_err(|error| refused("#/clip".to_owned(), &error))
+        pipeline::import(&incoming.path().join(file)).map_err(|error| bad_asset(&error))
     }
 }
 

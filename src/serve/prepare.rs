@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use super::problem::Problem;
 use super::request::{JobRequest, Kind, of_pipeline};
 use super::store::{self, Job, Key, NewJob, Submitted, hexadecimal};
-use super::{Service, memory, webhooks};
+use super::{Service, disk, memory, webhooks};
 use crate::pipeline::recipe::Recipe;
 use crate::pipeline::{self, Checked, Hashes};
 
@@ -77,7 +77,13 @@ fn of_scene(
     request.lay_out(service, folder)?;
     let job = request.open(folder).map_err(|error| of_pipeline(&error))?;
     let memory_bytes = pipeline::memory_bytes(&job).map_err(|error| of_pipeline(&error))?;
+    let measured = request.kind == Kind::Run;
+    let bytes = pipeline::disk_bytes(&job, measured).map_err(|error| of_pipeline(&error))?;
     let Hashes { bake, fit, .. } = job.hashes;
+    // What was begun has its room already, and what is finished is not made again.
+    if !service.store.folder().work(&bake).exists() {
+        disk::check(service, bytes)?;
+    }
     let key = if request.kind == Kind::Run { fit } else { bake.clone() };
     Ok(Named { bake, key, memory_bytes })
 }

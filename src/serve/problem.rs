@@ -97,6 +97,11 @@ impl Problem {
         &self.detail
     }
 
+    /// Whether a limit was hit.
+    pub(super) fn has_limit(&self) -> bool {
+        self.limit.is_some()
+    }
+
     /// As it is sent, and as a job's error is kept.
     pub(super) fn json(&self) -> Value {
         let title =

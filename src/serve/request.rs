@@ -17,7 +17,7 @@ use crate::pipeline::recipe::{Recipe, VERSION};
 use crate::pipeline::{self, CandidateRecipe, Checked, Job, Range};
 
 /// Files of one job.
-const MOST_FILES: usize = 256;
+pub(super) const MOST_FILES: usize = 256;
 
 /// Bytes of a file's name within a scene.
 const MOST_NAME_BYTES: usize = 255;

@@ -9,11 +9,11 @@ use axum::middleware;
 use axum::routing::{get, post, put};
 
 use super::problem::Problem;
-use super::{Service, assets, docs, evaluate, events, guard, health, jobs, models, results};
+use super::{Service, assets, docs, evaluate, events, grpc, guard, health, jobs, models, results};
 
-/// Every path of the service.
+/// Every path of the service. Called within a runtime.
 pub(super) fn router(service: &Arc<Service>) -> Router {
-    Router::new()
+    let router = Router::new()
         .route("/v1/assets/{sha256}", put(assets::put).get(assets::get))
         .route("/v1/jobs", post(jobs::submit).get(jobs::list))
         .route("/v1/jobs/{id}", get(jobs::get).delete(jobs::delete))
@@ -31,7 +31,8 @@ pub(super) fn router(service: &Arc<Service>) -> Router {
         .route("/ready", get(health::ready))
         .route("/metrics", get(health::metrics))
         .route("/openapi.json", get(health::openapi))
-        .route("/docs", get(docs::get))
+        .route("/docs", get(docs::get));
+    grpc::routes(router, service)
         .fallback(unknown)
         .method_not_allowed_fallback(wrong_method)
         // Bodies are bounded where they are read, each by its own limit.

@@ -264,6 +264,9 @@ fn a_full_disk_is_told() {
     let asset = format!("/v1/assets/{}", server.figure());
     assert_eq!(server.get(&asset, &[]).status, 200);
     assert_eq!(server.get("/health", &[]).status, 200);
+    let refused = server.post("/v1/jobs", &job(&server, &small()), &[]);
+    assert_eq!(refused.status, 507, "a job without room is taken: {}", refused.text());
+    assert_eq!(refused.json()["limit"]["name"], "disk_bytes", "{}", refused.text());
     let small = vec![1; 10_000];
     let path = format!("/v1/assets/{}", sha256(&small));
     assert_eq!(server.put(&path, &small, &[]).status, 201, "half an upload takes the room");

@@ -116,9 +116,14 @@ fn the_service_chooses_by_target() {
     let request = json!({ "kind": "tradeoff", "only": ["mean", "pca-linear 2, 8"], "dataset": dataset, "recipe": { "version": 1, "target": { "reference_poses": 2 } } });
     let traded = finish(&server, &request);
     assert!(traded["result"]["front"].as_array().is_some_and(|front| !front.is_empty()));
-    for name in ["tradeoff.json", "bytes.svg", "microseconds.svg"] {
+    for name in ["tradeoff.json", "bytes.svg", "microseconds.svg", "report.html"] {
         let place = traded["result"]["files"][name].as_str().expect(name);
-        assert_eq!(server.get(place, &[]).status, 200);
+        let answer = server.get(place, &[]);
+        assert_eq!(answer.status, 200);
+        let page = name.ends_with("html");
+        assert!(
+            !page || ["<svg", "pca-linear 2, 8"].iter().all(|part| answer.text().contains(part))
+        );
     }
 }
 

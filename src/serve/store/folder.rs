@@ -51,6 +51,11 @@ impl Folder {
         Ok(())
     }
 
+    /// All of it is below this.
+    pub(in crate::serve) fn root(&self) -> &Path {
+        &self.root
+    }
+
     pub(super) fn database(&self) -> PathBuf {
         self.root.join("poselight.db")
     }

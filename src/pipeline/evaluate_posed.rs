@@ -1,0 +1,99 @@
+//! Poses in other forms: joints of a model that looks at the posed mesh, with the scene beside them,
+//! and meshes that are given by their vertices.
+
+use glam::Vec3;
+
+use super::evaluate::{EvaluateError, Query, node_order};
+use crate::model::{JointPose, Model};
+use crate::rig::{self, Deformed, Pose};
+use crate::scene::Scene;
+
+impl Query {
+    /// A pose given by joints and morph weights, with the scene that the model is of: for models
+    /// that look at the posed mesh, and right for every other.
+    ///
+    /// # Errors
+    /// As [`Query::from_joints`] and [`Query::from_pose`].
+    pub fn from_joints_in(
+        model: &Model,
+        scene: &Scene,
+        joints: &JointPose,
+    ) -> Result<Self, EvaluateError> {
+        let given = model.pose_of(joints)?;
+        let mut pose = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
+        for (&node, local) in node_order(model, scene)?.iter().zip(&given.local) {
+            pose.local[node] = *local;
+        }
+        pose.weights = given.weights;
+        Self::from_pose(model, scene, &pose)
+    }
+
+    /// A pose given by the vertices of the posed mesh, `[vertex, 3]` in metres, in the order of the
+    /// scene's mesh. For models without parameters, such as those of cloth and of vertex sequences,
+    /// whose values are the same at every pose.
+    ///
+    /// # Errors
+    /// [`EvaluateError::NeedsJoints`], [`EvaluateError::NeedsScene`], [`EvaluateError::Positions`],
+    /// [`EvaluateError::PositionNotFinite`].
+    pub fn from_positions(model: &Model, positions: &[f32]) -> Result<Self, EvaluateError> {
+        let parameters = model.header().rig.columns.len();
+        if parameters > 0 {
+            return Err(EvaluateError::NeedsJoints(parameters));
+        }
+        let (vertices, found) = (model.header().mesh.vertices as usize, positions.len());
+        if found != 3 * vertices {
+            return Err(EvaluateError::Positions { found, vertices });
+        }
+        if let Some(at) = positions.iter().position(|value| !value.is_finite()) {
+            return Err(EvaluateError::PositionNotFinite(at / 3));
+        }
+        Self::from_joints(model, &JointPose::default())
+    }
+}
+
+/// The model's points as the scene poses them, in the root frame. `of_scene` has the scene's order
+/// of nodes, `pose` the model's.
+pub(super) fn surface(
+    model: &Model,
+    scene: &Scene,
+    of_scene: &Pose,
+    pose: &Pose,
+) -> Result<Deformed, EvaluateError> {
+    let globals = scene.skeleton.globals(&of_scene.local);
+    let mut deformed = Deformed::default();
+    let root = model.root_frame_of(pose)?;
+    rig::deform(&scene.mesh, &globals, &of_scene.weights, root, &mut deformed);
+    of_points(model, &deformed)
+}
+
+/// What each of the model's points has, from the vertices that it stands for.
+fn of_points(model: &Model, deformed: &Deformed) -> Result<Deformed, EvaluateError> {
+    let (found, expected) = (deformed.positions.len(), model.header().mesh.vertices as usize);
+    if found != expected {
+        return Err(EvaluateError::Vertices { found, expected });
+    }
+    let mut points = Deformed {
+        positions: vec![Vec3::ZERO; model.shape().points],
+        normals: vec![Vec3::Y; model.shape().points],
+    };
+    for (vertex, &point) in model.point_of_vertex().iter().enumerate() {
+        points.positions[point as usize] = deformed.positions[vertex];
+        points.normals[point as usize] = deformed.normals[vertex];
+    }
+    Ok(points)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Positions are no pose of a model that has parameters.
+    #[test]
+    fn joints_are_not_guessed_from_positions() {
+        let blob = include_bytes!("../model/blob/golden_v1.safetensors");
+        let model = Model::from_bytes(blob).expect("golden");
+        let zeros = vec![0.0; 3 * model.header().mesh.vertices as usize];
+        let fault = Query::from_positions(&model, &zeros);
+        assert!(matches!(fault, Err(EvaluateError::NeedsJoints(1..))), "{fault:?}");
+    }
+}

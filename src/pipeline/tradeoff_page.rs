@@ -1,0 +1,85 @@
+//! A trade-off for people: as a table, and as a page with its pictures.
+
+use std::fmt::Write as _;
+
+use super::tradeoff::Tradeoff;
+use crate::choose::Point;
+
+impl Tradeoff {
+    /// Every point in a line of its own, those of the front marked.
+    #[must_use]
+    pub fn table(&self) -> String {
+        table(self)
+    }
+
+    /// One file with the pictures and the table, readable without a network.
+    #[must_use]
+    pub fn page(&self) -> String {
+        page(self, &table(self))
+    }
+}
+
+fn kilobytes(count: u64) -> String {
+    format!("{:.1} kB", count as f64 / 1e3)
+}
+
+/// Every point, those of the front marked.
+fn table(tradeoff: &Tradeoff) -> String {
+    let mut text = format!(
+        "{}: {} points; * is on the front of bytes and {} error; reference noise {:.5}\n  {:<44} {:>10} {:>8} {:>9} {:>8}   RMSE of a coefficient (ao error)",
+        tradeoff.scene,
+        tradeoff.points.len(),
+        tradeoff.split,
+        tradeoff.reference_noise_rms,
+        "model",
+        "bytes",
+        "% mesh",
+        "µs/frame",
+        "fit s",
+    );
+    for split in splits(tradeoff) {
+        let _ = write!(text, "  {split:>20}");
+    }
+    for point in &tradeoff.points {
+        let _ = write!(text, "\n{}", row(tradeoff, point));
+    }
+    for (name, reason) in &tradeoff.skipped {
+        let _ = write!(text, "\n  left out: {name}: {reason}");
+    }
+    text
+}
+
+fn splits(tradeoff: &Tradeoff) -> Vec<&String> {
+    tradeoff.points.first().map(|point| point.errors.keys().collect()).unwrap_or_default()
+}
+
+fn row(tradeoff: &Tradeoff, point: &Point) -> String {
+    let mark = if tradeoff.front.contains(&point.name) { '*' } else { ' ' };
+    let mut text = format!(
+        "{mark} {:<44} {:>10} {:>8.1} {:>9.0} {:>8.2}",
+        point.name,
+        kilobytes(point.bytes),
+        point.mesh_percent,
+        point.evaluate_us,
+        point.fit_s,
+    );
+    for split in splits(tradeoff) {
+        let error = point.errors.get(split).copied().unwrap_or_default();
+        let _ = write!(text, "  {:>11.5} ({:.4})", error.rms, error.ao_mae);
+    }
+    text
+}
+
+/// One file with the pictures and the table.
+fn page(tradeoff: &Tradeoff, table: &str) -> String {
+    let escape = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;");
+    let plots: String = tradeoff.plots().into_iter().map(|(_, svg)| svg).collect();
+    format!(
+        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Trade-off of {0}</title>\
+         <style>:root{{color-scheme:light dark}}body{{font-family:sans-serif;max-width:1100px;\
+         margin:2em auto;padding:0 1em}}pre{{overflow-x:auto}}svg{{width:100%}}</style>\
+         <h1>Trade-off of {0}</h1>{plots}<pre>{1}</pre></html>",
+        escape(&tradeoff.scene),
+        escape(table),
+    )
+}
