@@ -48,6 +48,8 @@ bench: setup
 	$(CARGO) bench --locked --bench stability
 	$(CARGO) run --release --locked -- sample figure -o $(DEMO)/figure.glb
 	$(CARGO) bench --locked --bench choice -- $(DEMO)/figure.glb
+	$(CARGO) bench --locked --bench poses
+	$(CARGO) bench --locked --bench papers
 	$(CARGO) bench --locked --bench assets -- $(CHARACTERS) $(ASSET_FLAGS)
 	@for mesh in $(MESHES); do python3 benches/peers/occlusion.py $$mesh $(BIN); done
 

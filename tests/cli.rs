@@ -398,3 +398,22 @@ fn a_regression_is_told() {
     let (status, message) = studio.fail(&check);
     assert!(status == 1 && message.contains("approved.json"), "{message}");
 }
+
+/// A target chooses a model and says so; one that nothing meets ends with status 3, the best that was
+/// reached, and what would help.
+#[test]
+fn a_target_chooses_or_ends_with_status_3() {
+    let studio = Studio::new();
+    let coarse = ["--signal", "ao", "--rays", "4", "--fps", "2", "--hold-out", "jump"];
+    studio.succeed(&[&["bake", "figure.glb", "-o", "d.zarr"], &coarse[..]].concat());
+    let words = ["--json", "fit", "d.zarr", "--family", "linear", "--reference-poses", "1"];
+    let met = studio.succeed(&[&words[..], &["-o", "met.st", "--max-error", "0.5"]].concat());
+    let met: Value = serde_json::from_slice(&met.stdout).expect("one object");
+    assert_eq!((&met["met"], &met["remedy"]), (&Value::Bool(true), &Value::Null));
+    assert_eq!(met["chosen"]["precision"], "i8", "the smallest that meets it: {met}");
+    let missed = studio.run(&[&words[1..], &["-o", "missed.st", "--max-error", "1e-7"]].concat());
+    let told = text(&missed.stdout);
+    assert_eq!(missed.status.code(), Some(3), "{told}");
+    assert!(told.contains("the target is not met; what would help most:"), "{told}");
+    assert!(studio.path("missed.st").is_file(), "the best that was reached is kept");
+}

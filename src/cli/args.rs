@@ -133,6 +133,9 @@ pub(crate) struct PoseFlags {
     /// Drop poses closer than this to an earlier one, 0 for none [default: 0.005].
     #[arg(long, value_name = "DISTANCE")]
     near_repeat: Option<f32>,
+    /// Bake no more training poses than this, those that lie farthest apart [default: all].
+    #[arg(long, value_name = "N")]
+    most_poses: Option<u32>,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -298,6 +301,7 @@ impl PoseFlags {
         set(&mut poses.rate_hz, self.fps);
         set(&mut poses.interpolated_every, self.interpolated_every);
         set(&mut poses.near_repeat, self.near_repeat);
+        poses.most = self.most_poses.or(poses.most);
         set(&mut poses.parametrisation, self.parametrisation);
     }
 }

@@ -1,7 +1,7 @@
 //! The models that a trade-off is measured over: every family at several sizes.
 
 use super::recipe::{
-    FamilyName, FitRecipe, FrameName, OnName, ParametrisationName, Recipe, SignalName,
+    FamilyName, FitRecipe, FrameName, OnName, ParametrisationName, Recipe, RidgeName, SignalName,
 };
 
 /// A fit with its name; precision is not part of it.
@@ -11,6 +11,9 @@ pub struct CandidateRecipe {
     pub name: String,
     /// The data set's recipe with another `fit` and `target.on`.
     pub recipe: Recipe,
+    /// The training poses that it is fitted to, by their indices among them, ascending; all when
+    /// absent. For studies: [`super::search`] takes no notice.
+    pub poses: Option<Vec<usize>>,
 }
 
 /// How far to look.
@@ -23,7 +26,8 @@ pub enum Range {
 }
 
 /// Sizes of `pca-linear`, d_in and d_out.
-const PCA: [(u32, u32); 6] = [(2, 8), (4, 11), (8, 22), (8, 44), (15, 50), (15, 100)];
+const PCA: [(u32, u32); 8] =
+    [(2, 8), (4, 11), (8, 22), (8, 44), (12, 33), (15, 50), (15, 100), (24, 150)];
 
 /// Sizes of `multilinear`, pose clusters and dimensions.
 const LOCAL: [(u32, u32); 5] = [(3, 5), (5, 5), (5, 10), (10, 5), (10, 10)];
@@ -69,6 +73,28 @@ pub fn candidates(base: &Recipe, points: usize, range: Range) -> Vec<CandidateRe
     list.all
 }
 
+/// The ways in which the poses of reduced models become numbers, with what to call them: the data
+/// set's own, and in the frame that such models do best in the other one too.
+fn parametrisations(
+    own: ParametrisationName,
+    suffix: &str,
+) -> Vec<(&'static str, Option<ParametrisationName>)> {
+    let other = match own {
+        ParametrisationName::Handles => (", joint angles", Some(ParametrisationName::JointAngles)),
+        _ => (", handles", Some(ParametrisationName::Handles)),
+    };
+    if suffix.is_empty() { vec![("", None), other] } else { vec![("", None)] }
+}
+
+/// Motion between poses that were trained on asks for single poses to be left out, other motion
+/// for clips.
+fn ridge(base: &Recipe) -> RidgeName {
+    match base.target.on {
+        OnName::Trained => RidgeName::LeaveOneOut,
+        OnName::Novel => RidgeName::LeaveOneClipOut,
+    }
+}
+
 struct List<'a> {
     base: &'a Recipe,
     all: Vec<CandidateRecipe>,
@@ -77,10 +103,11 @@ struct List<'a> {
 impl List<'_> {
     fn add(&mut self, name: String, on: OnName, edit: impl FnOnce(&mut FitRecipe)) {
         let mut recipe = self.base.clone();
-        recipe.fit = FitRecipe { seed: recipe.fit.seed, ..FitRecipe::default() };
+        let ridge = ridge(self.base);
+        recipe.fit = FitRecipe { seed: recipe.fit.seed, ridge, ..FitRecipe::default() };
         recipe.target.on = on;
         edit(&mut recipe.fit);
-        self.all.push(CandidateRecipe { name, recipe });
+        self.all.push(CandidateRecipe { name, recipe, poses: None });
     }
 
     fn pose_only(&mut self, frame: FrameName, suffix: &str, points: usize, range: Range) {
@@ -98,11 +125,16 @@ impl List<'_> {
                 (fit.frame, fit.parametrisation) = (frame, parametrisation);
             });
         }
-        for (inputs, outputs) in PCA {
-            self.add(format!("pca-linear {inputs}, {outputs}{suffix}"), novel, |fit| {
-                (fit.family, fit.frame) = (FamilyName::PcaLinear, frame);
-                (fit.inputs, fit.outputs) = (Some(inputs), Some(outputs));
-            });
+        let ways = parametrisations(self.base.poses.parametrisation, suffix);
+        for &(of, parametrisation) in &ways {
+            for (inputs, outputs) in PCA {
+                let name = format!("pca-linear {inputs}, {outputs}{of}{suffix}");
+                self.add(name, novel, |fit| {
+                    (fit.family, fit.frame) = (FamilyName::PcaLinear, frame);
+                    (fit.inputs, fit.outputs) = (Some(inputs), Some(outputs));
+                    fit.parametrisation = parametrisation;
+                });
+            }
         }
         for (clusters, inputs) in LOCAL {
             let edit = |fit: &mut FitRecipe| {
@@ -120,19 +152,32 @@ impl List<'_> {
                 });
             }
         }
+        for &(of, parametrisation) in &ways {
+            self.clustered((frame, suffix), (of, parametrisation), range);
+        }
+    }
+
+    fn clustered(
+        &mut self,
+        (frame, suffix): (FrameName, &str),
+        (of, parametrisation): (&str, Option<ParametrisationName>),
+        range: Range,
+    ) {
         for (name, family) in [
             ("clustered-linear", FamilyName::ClusteredLinear),
             ("clustered-quadratic", FamilyName::ClusteredQuadratic),
             ("clustered-tanh", FamilyName::ClusteredTanh),
         ] {
-            for share in [0.8, 0.95] {
+            for share in [0.6, 0.8, 0.95] {
                 // Numbers of neurons are tried one by one, which takes a hundred times as long.
                 let neurons = (family == FamilyName::ClusteredTanh && range == Range::Quick)
                     .then_some(QUICK_NEURONS);
                 let few = neurons.map_or(String::new(), |count| format!(" of {count} neurons"));
-                self.add(format!("{name} {share}{few}{suffix}"), novel, |fit| {
+                let name = format!("{name} {share}{few}{of}{suffix}");
+                self.add(name, OnName::Novel, |fit| {
                     (fit.family, fit.frame) = (family, frame);
                     (fit.retain_outputs, fit.neurons) = (Some(share), neurons);
+                    fit.parametrisation = parametrisation;
                 });
             }
         }

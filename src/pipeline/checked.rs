@@ -87,12 +87,16 @@ fn checked_poses(poses: &PosesRecipe) -> Result<pose::Settings, RecipeError> {
     require((0.0..=1.0).contains(&near), "poses.near_repeat", near, "it must be 0 to 1")?;
     let every = poses.interpolated_every;
     require(every != 1, "poses.interpolated_every", every, "it must be 0, or 2 and more")?;
+    if let Some(most) = poses.most {
+        require((1..=200_000).contains(&most), "poses.most", most, "it must be 1 to 200,000")?;
+    }
     Ok(pose::Settings {
         clips: poses.clips.clone(),
         hold_out: poses.hold_out.clone(),
         rate_hz: rate,
         interpolated_every: every,
         near_repeat: near,
+        most: poses.most.map(|most| most as usize),
         parametrisation: match poses.parametrisation {
             ParametrisationName::JointAngles => ParametrisationKind::JointAngles,
             ParametrisationName::Handles => ParametrisationKind::Handles,
@@ -357,6 +361,7 @@ mod tests {
         assert_eq!(fault(|r| r.poses.rate_hz = 0.0), "poses.rate_hz");
         assert_eq!(fault(|r| r.poses.rate_hz = f32::NAN), "poses.rate_hz");
         assert_eq!(fault(|r| r.poses.near_repeat = -1.0), "poses.near_repeat");
+        assert_eq!(fault(|r| r.poses.most = Some(0)), "poses.most");
         assert_eq!(fault(|r| r.poses.interpolated_every = 1), "poses.interpolated_every");
         assert_eq!(fault(|r| r.fit.inputs = Some(0)), "fit.inputs");
         assert_eq!(fault(|r| r.fit.outputs = Some(0)), "fit.outputs");

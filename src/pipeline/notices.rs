@@ -16,6 +16,13 @@ pub fn notices(job: &Job) -> Vec<String> {
             job.poses.clip_names[repeat.clip], repeat.dropped, repeat.sampled, repeat.threshold
         ));
     }
+    if job.poses.passed_over > 0 {
+        let all = job.poses.passed_over + of_training(job);
+        notices.push(format!(
+            "{} of {all} training poses are not baked: those kept lie farthest apart",
+            job.poses.passed_over
+        ));
+    }
     if job.poses.samples.len() == 1 {
         notices.push("the scene does not move: one pose is baked, and a model is its mean".into());
     } else if job.poses.parametrisation.columns.is_empty() {
@@ -24,6 +31,10 @@ pub fn notices(job: &Job) -> Vec<String> {
     notices.extend(held_out(job));
     notices.extend(rounded(&job.recipe.bake));
     notices
+}
+
+fn of_training(job: &Job) -> usize {
+    job.poses.samples.iter().filter(|sample| sample.split == Split::Training).count()
 }
 
 /// What the model will be proven on, which the user may not have chosen.

@@ -109,6 +109,11 @@ pub struct PosesRecipe {
     /// A pose that differs from an earlier one of its split by less than this in every parameter
     /// (radians, lengths over the model's size, morph weights) is dropped; 0 drops none.
     pub near_repeat: f32,
+    /// Training poses, at most, 1 to 200,000: those that lie farthest apart, each the farthest from
+    /// those before it by where the joints are, so that a larger number takes the same poses and
+    /// more. All when absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub most: Option<u32>,
     /// How a pose becomes numbers.
     pub parametrisation: ParametrisationName,
     /// Seed of every choice of poses.
@@ -123,6 +128,7 @@ impl Default for PosesRecipe {
             rate_hz: 30.0,
             interpolated_every: 10,
             near_repeat: 0.005,
+            most: None,
             parametrisation: ParametrisationName::JointAngles,
             seed: 1,
         }

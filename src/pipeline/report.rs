@@ -195,6 +195,7 @@ fn left_out(job: &Job) -> LeftOut {
         dropped: job.poses.parametrisation.dropped.clone(),
         near_repeats: job.poses.near_repeats.iter().map(|repeat| repeat.dropped).sum(),
         near_repeat: job.checked.poses.near_repeat,
+        passed_over: job.poses.passed_over,
         notices: job.scene.notices.clone(),
     }
 }

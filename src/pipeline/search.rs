@@ -11,7 +11,7 @@ use std::time::Instant;
 
 use super::candidates::CandidateRecipe;
 use super::progress::{Progress, Stage, Watch};
-use super::recipe::{PrecisionName, Recipe};
+use super::recipe::{PrecisionName, Recipe, RidgeName};
 use super::validation::Validation;
 use super::workbench::{Tried, Workbench, reaches};
 use super::{Error, FittedModel, fit};
@@ -81,7 +81,7 @@ pub fn search(
 ) -> Result<Searched, Error> {
     let start = Instant::now();
     let bench = Workbench::new(dataset, candidates)?;
-    let (folds, left_out) = folds(bench.clips());
+    let (folds, left_out) = folds(bench.clips(), leaves_poses(candidates));
     let mut entries = entries(candidates);
     let mut count = Count::new(start, (entries.len() * folds.len()) as u64);
     for (index, fold) in folds.iter().enumerate() {
@@ -127,7 +127,7 @@ fn exactly<'a>(
     start: Instant,
 ) -> Result<Vec<Entry<'a>>, Error> {
     let bench = Validation::new(dataset)?;
-    let (folds, _) = folds(&bench.clips);
+    let (folds, _) = folds(&bench.clips, leaves_poses(candidates));
     let mut entries = entries(candidates);
     let mut count = Count::new(start, (entries.len() * folds.len()) as u64);
     for (index, fold) in folds.iter().enumerate() {
@@ -230,8 +230,20 @@ fn conclude(
     })
 }
 
-/// Groups of training poses that are left out in turn: whole clips where there are at least two.
-fn folds(clips: &[i32]) -> (Vec<Vec<usize>>, String) {
+/// Whether the candidates are meant for what lies between trained poses.
+fn leaves_poses(candidates: &[CandidateRecipe]) -> bool {
+    candidates.iter().all(|candidate| candidate.recipe.fit.ridge == RidgeName::LeaveOneOut)
+}
+
+/// Groups of training poses that are left out in turn: single ones between others where that is
+/// what the models are for, else whole clips where there are at least two.
+fn folds(clips: &[i32], single: bool) -> (Vec<Vec<usize>>, String) {
+    if single && clips.len() >= 3 * MOST_FOLDS {
+        // No two neighbours, and all of them in only one of three groups.
+        let group = |g: usize| (2 * g + 1..clips.len()).step_by(2 * MOST_FOLDS).collect();
+        let text = format!("every second training pose, in {MOST_FOLDS} groups in turn");
+        return ((0..MOST_FOLDS).map(group).collect(), text);
+    }
     let mut names = clips.to_vec();
     names.sort_unstable();
     names.dedup();
@@ -340,18 +352,5 @@ fn shares(dataset: &Dataset, fitted: &FittedModel, square: f64) -> Result<Shares
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Clips are never cut where there are two; a single one loses its end; every pose of several
-    /// clips is left out once.
-    #[test]
-    fn whole_clips_are_left_out() {
-        let (groups, _) = folds(&[4, 4, 1, 1, 9, 2]);
-        let mut all: Vec<usize> = groups.iter().flatten().copied().collect();
-        all.sort_unstable();
-        assert_eq!((groups.len(), all), (3, (0..6).collect()));
-        assert!(groups.iter().any(|g| g.contains(&0) && g.contains(&1)));
-        assert_eq!(folds(&[3; 8]).0, [vec![6, 7]]);
-    }
-}
+#[path = "search_tests.rs"]
+mod tests;

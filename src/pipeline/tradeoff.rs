@@ -10,7 +10,7 @@ use serde_json::Value;
 use super::candidates::CandidateRecipe;
 use super::measure::measure_many;
 use super::progress::{Progress, Stage, Watch};
-use super::{Error, FittedModel, fit, timing};
+use super::{Error, FittedModel, fit_part, timing};
 use crate::choose::{Point, SplitError, front};
 use crate::dataset::Dataset;
 use crate::measure::report::{Place, Scatter, scatter};
@@ -72,7 +72,8 @@ pub fn tradeoff(
             let when = format!("after {done} of {} candidates", candidates.len());
             return Err(Error::Stopped { when });
         }
-        match fit(dataset, &candidate.recipe) {
+        let keep = candidate.poses.as_deref();
+        match fit_part(dataset, &candidate.recipe, &[], keep, Some(watch.cancelled)) {
             Ok(fitted) => this.add(dataset, candidate, &fitted, &mut batch)?,
             Err(Error::Fit(reason)) => {
                 this.skipped.insert(candidate.name.clone(), reason.to_string());

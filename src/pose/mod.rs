@@ -7,6 +7,7 @@ mod error;
 mod evaluate;
 mod repeats;
 mod schedule;
+mod spread;
 
 use glam::{Affine3A, Quat};
 
@@ -40,6 +41,10 @@ pub struct Settings {
     /// units of scale and weight) from an earlier pose of the same split; 0 drops none.
     /// Default 0.005, which is 0.3°.
     pub near_repeat: f32,
+    /// Training poses at most: those that lie farthest apart, greedily, by where the joints are
+    /// ([`Parametrisation::handles`]); a larger number takes the same and more. At least 1.
+    /// Default: all.
+    pub most: Option<usize>,
     /// How a pose becomes numbers. Default joint angles.
     pub parametrisation: ParametrisationKind,
     /// Draws the clips that are held out. Default 0.
@@ -56,6 +61,7 @@ impl Default for Settings {
             rate_hz: 30.0,
             interpolated_every: 10,
             near_repeat: 0.005,
+            most: None,
             parametrisation: ParametrisationKind::JointAngles,
             seed: 0,
             root_motion: RootMotion::Rigid,
@@ -130,6 +136,8 @@ pub struct PoseSet {
     pub size_m: f32,
     /// What was dropped, for each clip that lost poses.
     pub near_repeats: Vec<NearRepeat>,
+    /// Training poses that [`Settings::most`] left out.
+    pub passed_over: usize,
 }
 
 /// Samples the chosen clips, drops near-repeats, and finds the parameters.
@@ -167,6 +175,12 @@ pub fn sample(scene: &Scene, settings: &Settings) -> Result<PoseSet, Error> {
             Parametrisation::handles(&scene.skeleton, &poses, size_m, &carries(scene), names)
         }
     };
+    // What varies is a matter of all training poses, so that fewer of them are the same numbers.
+    let before = drafts.len();
+    if let Some(most) = settings.most {
+        keep_apart(&mut drafts, scene, &root, size_m, most);
+    }
+    let passed_over = before - drafts.len();
     let points = Points::merge(&scene.mesh);
     let bones = Bones::dominant(&scene.mesh, &points);
     let parameters = drafts
@@ -186,6 +200,7 @@ pub fn sample(scene: &Scene, settings: &Settings) -> Result<PoseSet, Error> {
         root_motion: settings.root_motion,
         size_m,
         near_repeats,
+        passed_over,
     })
 }
 
@@ -290,6 +305,21 @@ fn angles<'a>(
 fn carries(scene: &Scene) -> Vec<bool> {
     let carried = carried_weight(&scene.skeleton, &scene.mesh);
     carried.iter().map(|&weight| weight > 0.0).collect()
+}
+
+/// Keeps so many of the training poses, as far apart as can be, and all others.
+fn keep_apart(drafts: &mut Vec<Draft>, scene: &Scene, root: &Root<'_>, size_m: f32, most: usize) {
+    let training = drafts.iter().filter(|draft| draft.instant.split == Split::Training);
+    let poses: Vec<_> = training.map(|d| (&d.pose, root.inside(&d.pose))).collect();
+    let names = &scene.mesh.weight_names;
+    let by = Parametrisation::handles(&scene.skeleton, &poses, size_m, &carries(scene), names);
+    let rows: Vec<f32> = poses.iter().flat_map(|(pose, inside)| by.encode(pose, inside)).collect();
+    let keep = spread::spread(&rows, by.columns.len(), most);
+    let mut index = 0..;
+    drafts.retain(|draft| {
+        draft.instant.split != Split::Training
+            || index.next().is_some_and(|i: usize| keep.binary_search(&i).is_ok())
+    });
 }
 
 /// Removes near-repeats and counts them by clip.

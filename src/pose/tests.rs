@@ -148,3 +148,22 @@ fn refusals() {
     let error = sample(&long, &Settings::default()).unwrap_err();
     assert!(matches!(error, Error::TooManyPoses { .. }), "{error}");
 }
+
+/// Fewer training poses are told by where the joints are: the ends of the swing come with the
+/// middle, parameters and the other splits are those of all poses, and the rest is counted.
+#[test]
+fn the_poses_that_lie_farthest_apart_are_kept() {
+    let scene = scene(vec![clip("c", vec![turning(1, 1.2)])]);
+    let all = sample(&scene, &Settings::default()).unwrap();
+    let few = sample(&scene, &Settings { most: Some(3), ..Settings::default() }).unwrap();
+    let counts = |set: &PoseSet| [Split::WithinClip, Split::Interpolated].map(|s| splits(set, s));
+    assert_eq!((splits(&few, Split::Training), counts(&few)), (3, counts(&all)));
+    assert_eq!(few.passed_over, splits(&all, Split::Training) - 3);
+    assert_eq!(few.parametrisation, all.parametrisation);
+    let training = |set: &PoseSet| -> Vec<f32> {
+        let of = set.samples.iter().filter(|sample| sample.split == Split::Training);
+        of.map(|sample| sample.time_s).collect()
+    };
+    let (times, every) = (training(&few), training(&all));
+    assert_eq!((times[0], times[2]), (every[0], every[every.len() - 1]));
+}

@@ -137,6 +137,10 @@ pub(super) fn left_out(input: &ReportInput<'_>) -> String {
             left.near_repeat
         ));
     }
+    if left.passed_over > 0 {
+        let told = plural(left.passed_over, "training pose");
+        out.push_str(&format!("<p>{told} were not baked: those kept lie farthest apart.</p>"));
+    }
     let dropped = plural(left.dropped.len(), "degree");
     let dropped =
         dropped.replace("degrees", "degrees of freedom").replace("degree ", "degree of freedom ");

@@ -182,6 +182,8 @@ pub struct LeftOut {
     pub near_repeats: usize,
     /// The threshold for that, in parameter units.
     pub near_repeat: f32,
+    /// Training poses that were not baked, since others lie farther apart.
+    pub passed_over: usize,
     /// The importer's notices.
     pub notices: Vec<String>,
 }

@@ -8,6 +8,7 @@ mod facts;
 mod figures;
 mod head;
 mod input;
+mod lines;
 mod residuals;
 mod scatter;
 mod spectrum;
@@ -21,6 +22,7 @@ pub use input::{
     Character, ClipFacts, LeftOut, ModelFacts, Phase, ReportInput, RestMesh, Spectrum, Target,
     Times,
 };
+pub use lines::{Lines, Series, lines};
 pub use scatter::{Place, Scatter, scatter};
 pub use stills::ReportStill;
 

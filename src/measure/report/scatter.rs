@@ -5,7 +5,7 @@ use super::svg::{Axis, Plot};
 use super::text::escape;
 
 /// Colours by group, legible on white and on black.
-const COLOURS: [&str; 8] =
+pub(super) const COLOURS: [&str; 8] =
     ["#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#bb7744", "#888888"];
 
 /// A point: across, up, index of its group, and what a pointer shows.
@@ -51,15 +51,21 @@ pub fn scatter(scatter: &Scatter<'_>) -> String {
         plot.dot(&format!("g{}", group % COLOURS.len()), (*x, *y), hint);
     }
     let picture = plot.finish(scatter.title, "every point is a model; a line joins the best");
+    as_file(&picture, scatter.groups)
+}
+
+/// A plot as a file of its own, with its colours and a legend of the groups.
+pub(super) fn as_file(picture: &str, groups: &[String]) -> String {
     let head =
         "<svg xmlns=\"http://www.w3.org/2000/svg\" font-family=\"sans-serif\" font-size=\"12\" ";
     let picture = picture.replacen("<svg ", head, 1);
     let Some(end) = picture.find('>') else { return picture };
-    format!("{}{}{}{}", &picture[..=end], style(), legend(scatter.groups), &picture[end + 1..])
+    format!("{}{}{}{}", &picture[..=end], style(), legend(groups), &picture[end + 1..])
 }
 
 fn style() -> String {
-    let groups = COLOURS.iter().enumerate().map(|(i, c)| format!(".g{i}{{fill:{c}}}"));
+    let groups = COLOURS.iter().enumerate();
+    let groups = groups.map(|(i, c)| format!(".g{i}{{fill:{c}}}.line.l{i}{{stroke:{c}}}"));
     format!(
         "<style>.grid{{stroke:#8884;fill:none}}.axis{{stroke:#888;fill:none}}text{{fill:#888}}\
          .line{{fill:none;stroke:#888;stroke-width:1.5}}{}</style>",

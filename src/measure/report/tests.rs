@@ -183,6 +183,7 @@ fn facts(name: &str) -> (Character, ModelFacts, Times, LeftOut) {
         dropped: (0..23).map(|i| format!("{name}.finger_{i}.x")).collect(),
         near_repeats: 41,
         near_repeat: 0.005,
+        passed_over: 0,
         notices: vec!["2 textures were ignored".to_owned()],
     };
     (character, model, times, left_out)

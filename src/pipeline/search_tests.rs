@@ -1,0 +1,80 @@
+use std::sync::atomic::AtomicBool;
+
+use super::*;
+use crate::pipeline::recipe::SignalName;
+use crate::pipeline::{Job, Range, bake, candidates};
+use crate::scene::{self, Limits, Source, figure};
+
+/// Clips are never cut where there are two; a single one loses its end; every pose of several
+/// clips is left out once. Models of what lies between poses lose single ones.
+#[test]
+fn whole_clips_are_left_out() {
+    let (groups, _) = folds(&[4, 4, 1, 1, 9, 2], false);
+    let mut all: Vec<usize> = groups.iter().flatten().copied().collect();
+    all.sort_unstable();
+    assert_eq!((groups.len(), all), (3, (0..6).collect()));
+    assert!(groups.iter().any(|g| g.contains(&0) && g.contains(&1)));
+    assert_eq!(folds(&[3; 8], false).0, [vec![6, 7]]);
+    let (groups, _) = folds(&[3; 20], true);
+    assert_eq!(groups[0], [1, 7, 13, 19]);
+    assert!(groups.iter().flatten().all(|pose| pose % 2 == 1));
+}
+
+/// Two clips of the bundled character, with few rays.
+fn dataset(folder: &std::path::Path) -> Dataset {
+    let source = Source { name: "figure.glb".into(), bytes: figure::figure() };
+    let scene = scene::import_sources(vec![source], &Limits::default()).unwrap();
+    let mut recipe = Recipe::default();
+    recipe.poses.clips = Some(vec!["wave".into(), "crouch".into()]);
+    recipe.poses.hold_out = Some(Vec::new());
+    (recipe.poses.rate_hz, recipe.poses.interpolated_every) = (1.0, 0);
+    (recipe.bake.signal, recipe.bake.rays) = (SignalName::Ao, 4);
+    let job = Job::new(scene, None, recipe).unwrap();
+    let cancelled = AtomicBool::new(false);
+    let path = folder.join("d.zarr");
+    bake(&job, &path, &Watch { report: &|_| {}, cancelled: &cancelled }).unwrap();
+    Dataset::open(&path).unwrap()
+}
+
+/// Proves the whole search on a small bake: one candidate of each kind is tried; a loose target
+/// takes the simplest point of all, the smallest; one that nothing reaches takes the least error,
+/// says that it is missed and what would help; and the model that comes out is the one named.
+#[test]
+fn a_search_ends_with_the_simplest_or_the_best() {
+    const KINDS: [&str; 6] = [
+        "mean",
+        "linear, handles",
+        "pca-linear 2, 8",
+        "multilinear 3, 5",
+        "clustered-linear 0.6",
+        "occluder 40",
+    ];
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = dataset(folder.path());
+    let base = crate::pipeline::recipe_of(&dataset).unwrap();
+    let mut some = candidates(&base, dataset.header().layout.points, Range::Quick);
+    some.retain(|candidate| KINDS.contains(&candidate.name.as_str()));
+    assert_eq!(some.len(), KINDS.len());
+    let cancelled = AtomicBool::new(false);
+    let watch = Watch { report: &|_| {}, cancelled: &cancelled };
+    let found = |some: &[CandidateRecipe], max_error| {
+        let target = Target { max_error: Some(max_error), ..Target::default() };
+        search(&dataset, some, &target, &watch).unwrap()
+    };
+    let error = |point: &Point| point.errors[VALIDATION].rms;
+
+    let loose = found(&some, 10.0);
+    let chosen = &loose.points[loose.chosen];
+    assert!(loose.met && loose.points.iter().all(|point| chosen.bytes <= point.bytes));
+    assert_eq!(chosen.precision, loose.precision.name());
+    let blob = loose.fitted.model.to_bytes(loose.precision).unwrap();
+    // The header tells of other poses than in validation.
+    assert!((blob.len() as u64).abs_diff(chosen.bytes) < 1000, "{} {}", blob.len(), chosen.bytes);
+
+    let strict = found(&some[..3], 1e-7);
+    let chosen = &strict.points[strict.chosen];
+    assert!(!strict.met && strict.points.iter().all(|point| error(chosen) <= error(point)));
+    assert_eq!((strict.points.len(), strict.estimates.len()), (3 * 3, 0));
+    let Shares { noise, bias, coverage } = strict.shares;
+    assert!(noise + bias + coverage > 0.0 && strict.search_s > 0.0);
+}
