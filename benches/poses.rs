@@ -125,7 +125,12 @@ impl<'a> Judge<'a> {
     fn error(&self, dataset: &Dataset, fit: &FitRecipe) -> Result<f64> {
         let mut recipe = pipeline::recipe_of(dataset)?;
         recipe.fit = fit.clone();
-        let model: Model = pipeline::fit(dataset, &recipe)?.model;
+        let model: Model = match pipeline::fit(dataset, &recipe) {
+            Ok(fitted) => fitted.model,
+            // So few poses do not have the model's sizes.
+            Err(pipeline::Error::Fit(_)) => return Ok(f64::NAN),
+            Err(other) => return Err(other.into()),
+        };
         let layout = self.reference.header().layout;
         let numbers = layout.points * layout.row();
         let (mut truth, mut found) = (vec![0.0; numbers], vec![0.0; numbers]);
