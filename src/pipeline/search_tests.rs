@@ -74,7 +74,9 @@ fn a_search_ends_with_the_simplest_or_the_best() {
     let strict = found(&some[..3], 1e-7);
     let chosen = &strict.points[strict.chosen];
     assert!(!strict.met && strict.points.iter().all(|point| error(chosen) <= error(point)));
-    assert_eq!((strict.points.len(), strict.estimates.len()), (3 * 3, 0));
+    // Candidates without hope are dropped on the way; the others are there in every precision.
+    let (count, rest) = (strict.points.len(), strict.estimates.len());
+    assert!((3..=3 * 3).contains(&count) && count.is_multiple_of(3) && rest == 0, "{count} {rest}");
     let Shares { noise, bias, coverage } = strict.shares;
     assert!(noise + bias + coverage > 0.0 && strict.search_s > 0.0);
 }
