@@ -78,6 +78,7 @@ fn model(family: Family) -> Model {
         conventions: Header::conventions(),
         unshadowed: false,
         occluders: None,
+        rest: None,
         rig: rig(),
         mesh: MeshIdentity {
             scene_sha256: "0".repeat(64),

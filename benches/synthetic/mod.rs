@@ -57,6 +57,7 @@ pub(crate) fn model(points: usize, frame: Frame) -> Model {
         conventions: Header::conventions(),
         unshadowed: false,
         occluders: None,
+        rest: None,
         rig: rig(),
         mesh: MeshIdentity {
             scene_sha256: "0".repeat(64),

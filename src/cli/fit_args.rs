@@ -53,6 +53,10 @@ pub(crate) struct FitFlags {
     /// those, towards their mean [default: take them as they are].
     #[arg(long, value_name = "DISTANCE")]
     reach: Option<f32>,
+    /// Put the rest mesh and its weights into a model that looks at the posed mesh, so that joint
+    /// rotations are enough to evaluate it.
+    #[arg(long)]
+    include_rest: bool,
     /// Neurons of each cluster of clustered-tanh [default: by cross-validation].
     #[arg(long, value_name = "N")]
     neurons: Option<u32>,
@@ -188,6 +192,7 @@ impl FitFlags {
             ("--published", self.published),
             ("--blend-exponent", self.blend_exponent.is_some()),
             ("--reach", self.reach.is_some()),
+            ("--include-rest", self.include_rest),
             ("--unshadowed", self.unshadowed.is_some()),
             ("--spheres", self.spheres.is_some()),
             ("--neurons", self.neurons.is_some()),
@@ -218,6 +223,7 @@ impl FitFlags {
         fit.published |= self.published;
         set(&mut fit.blend_exponent, self.blend_exponent);
         fit.reach = self.reach.or(fit.reach);
+        fit.include_rest |= self.include_rest;
         fit.unshadowed = self.unshadowed.or(fit.unshadowed);
         fit.spheres = self.spheres.or(fit.spheres);
         set(&mut fit.frame, self.frame);

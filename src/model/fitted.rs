@@ -10,6 +10,7 @@ use super::{
     Decoder, Error, Frame, Header, OccluderSizes, Occluders, Shape, Signal, clustered, multilinear,
 };
 use crate::num::panels::{Groups, Panels};
+use crate::rig::Mesh;
 
 /// A fitted model: pose parameters in, the signal at every point out.
 ///
@@ -25,6 +26,8 @@ pub struct Model {
     /// Empty in the root frame.
     pub(super) bone_of_point: Vec<u16>,
     pub(super) occluding: Option<Arc<Occluding>>,
+    /// One vertex per point.
+    pub(super) rest: Option<Arc<Mesh>>,
 }
 
 /// Occluders and their layout for evaluation.
@@ -112,9 +115,17 @@ impl Model {
         let groups = turns.then(|| Groups::new(&bone_of_point));
         let core = Arc::new(Core::new(decoder, shape, groups));
         let rig = Rig::new(&header.rig);
-        let header = Header { occluders: None, ..header };
-        let occluding = None;
-        Ok(Self { header, shape, core, rig, subspace, point_of_vertex, bone_of_point, occluding })
+        Ok(Self {
+            header: Header { occluders: None, rest: None, ..header },
+            shape,
+            core,
+            rig,
+            subspace,
+            point_of_vertex,
+            bone_of_point,
+            occluding: None,
+            rest: None,
+        })
     }
 
     /// The same model with occluders, whose part is added to what its decoder gives.

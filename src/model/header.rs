@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 pub(super) use super::limits;
-use super::{Error, OccluderSizes, RigHeader};
+use super::{Error, OccluderSizes, RestSizes, RigHeader};
 use crate::sh::Order;
 
 /// The version that this build writes, and the newest that it reads.
@@ -151,6 +151,9 @@ pub struct Header {
     /// Sizes of the occluders, where the model has them; set by `Model::with_occluders`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub occluders: Option<OccluderSizes>,
+    /// Sizes of the rest mesh, where the model carries it; set by `Model::with_rest`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rest: Option<RestSizes>,
     /// What turns a tool's pose into parameters and bone rotations.
     pub rig: RigHeader,
     /// Which mesh the model belongs to.

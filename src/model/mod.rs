@@ -22,6 +22,7 @@ mod multilinear;
 pub mod occluder;
 mod pose;
 mod posed;
+mod rest;
 mod rig;
 mod rig_header;
 #[cfg(test)]
@@ -42,6 +43,7 @@ pub use multilinear::Multilinear;
 pub use occluder::{OccluderSizes, Occluders, Surface};
 pub use pose::{JointPose, JointTransform};
 pub use posed::{PosedInput, unshadowed};
+pub use rest::RestSizes;
 pub use rig_header::{
     ColumnHeader, NodeHeader, RigHeader, RootMotionHeader, SourceHeader, WeightHeader,
 };

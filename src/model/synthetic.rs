@@ -87,6 +87,7 @@ pub(super) fn header(family: Family, signal: Signal, frame: Frame, channels: u8)
         conventions: Header::conventions(),
         unshadowed: false,
         occluders: None,
+        rest: None,
         rig: rig(),
         mesh: MeshIdentity {
             scene_sha256: "0123456789abcdef".repeat(4),

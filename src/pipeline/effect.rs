@@ -34,6 +34,11 @@ pub fn effective_fit(fit: &FitRecipe, on: OnName) -> Result<(), RecipeError> {
         }
     }
     shares(fit)?;
+    if fit.include_rest && !fit.unshadowed.unwrap_or(fit.family == Occluder) {
+        let (field, found) = ("fit.include_rest", "true".to_owned());
+        let expected = "only a model of the family occluder, or an unshadowed one, looks at the mesh";
+        return Err(RecipeError { field, found, expected });
+    }
     regularisation(fit, on)
 }
 
@@ -208,6 +213,10 @@ mod tests {
         let mixed = |f: &mut FitRecipe| (f.inputs, f.retain_outputs) = (Some(8), Some(0.9));
         assert_eq!((family(PcaLinear, mixed), family(ClusteredLinear, mixed)), {
             (Some("fit.inputs"), None)
+        });
+        let rest = |f: &mut FitRecipe| f.include_rest = true;
+        assert_eq!((family(Occluder, rest), family(Linear, rest)), {
+            (None, Some("fit.include_rest"))
         });
         assert_eq!(fault(&|r| r.target.max_bytes = Some(1)), Some("target.max_bytes"));
     }

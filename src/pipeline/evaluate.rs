@@ -41,8 +41,8 @@ pub enum EvaluateError {
     },
     /// The model looks at the posed mesh.
     #[error(
-        "the model looks at the posed mesh, which parameters and joints alone do not give: name a \
-         scene and its clip"
+        "the model looks at the posed mesh, which parameters alone do not give, and joints only to \
+         a model fitted with `include_rest`: name a scene and its clip"
     )]
     NeedsScene,
     /// Positions of another mesh.
@@ -117,12 +117,13 @@ impl Query {
     /// # Errors
     /// [`EvaluateError::NeedsScene`]; unknown names, zero quaternions, numbers that are not finite.
     pub fn from_joints(model: &Model, joints: &JointPose) -> Result<Self, EvaluateError> {
-        if model.needs_surface() {
+        let pose = model.pose_of(joints)?;
+        let surface = if model.needs_surface() { model.surface_of(&pose)? } else { None };
+        if model.needs_surface() && surface.is_none() {
             return Err(EvaluateError::NeedsScene);
         }
-        let pose = model.pose_of(joints)?;
         let parameters = model.parameters_of_pose(&pose)?;
-        Ok(Self { parameters, pose: Some(pose), surface: None })
+        Ok(Self { parameters, pose: Some(pose), surface })
     }
 
     /// Poses of a scene's clip at times, seconds on the clip's own clock.

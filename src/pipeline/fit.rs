@@ -112,7 +112,20 @@ pub(super) fn fit_part(
     };
     let report = fitted.report.clone();
     let model = assemble(dataset, recipe, (&checked, settings), fitted, assembled)?;
+    let model = if recipe.fit.include_rest { with_rest(model, dataset)? } else { model };
     Ok(FittedModel { model, report, fit_s })
+}
+
+/// The model with the points of its data set's scene at rest, if it looks at the posed mesh.
+///
+/// # Errors
+/// What stands in the way of the scene in the data set.
+pub(super) fn with_rest(model: Model, dataset: &Dataset) -> Result<Model, Error> {
+    if !model.needs_surface() {
+        return Ok(model);
+    }
+    let job = super::job_of(dataset)?;
+    Ok(model.with_rest(job.scene.mesh.subset(&job.poses.points.vertex))?)
 }
 
 /// The settings of a recipe's fit to a data set.
@@ -294,6 +307,7 @@ fn header(
         conventions: Header::conventions(),
         unshadowed: false,
         occluders: None,
+        rest: None,
         mesh: MeshIdentity {
             scene_sha256: scene,
             vertices: layout.vertices as u32,

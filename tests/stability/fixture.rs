@@ -92,6 +92,7 @@ pub(crate) fn model(parts: &TrainingParts, fitted: &Fitted, frame: Frame) -> Mod
         conventions: Header::conventions(),
         unshadowed: false,
         occluders: None,
+        rest: None,
         rig: RigHeader {
             nodes: vec![NodeHeader {
                 name: "root".to_owned(),

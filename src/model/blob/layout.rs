@@ -262,7 +262,7 @@ pub(super) fn sizes(model: &Model, precision: Precision) -> Sizes {
     let plain = matches!(header.family, Family::Mean | Family::Linear | Family::PcaLinear);
     let decoder = (!plain).then(|| model.decoder());
     let detail = decoder.as_ref().map_or(Detail::Plain, |d| Detail::of(d, &shape));
-    let mut sizes = Sizes { decoder: 0, scales: 0, directions: 0, maps: 0, occluders: 0 };
+    let mut sizes = Sizes { decoder: 0, scales: 0, directions: 0, maps: 0, occluders: 0, rest: 0 };
     for entry in entries(header.family, &shape, &detail) {
         let own = entry.precision(precision);
         sizes.decoder += entry.shape.iter().product::<usize>() as u64 * own.bytes();
@@ -274,6 +274,10 @@ pub(super) fn sizes(model: &Model, precision: Precision) -> Sizes {
     let bones = model.bone_of_point().len() * index_dtype(header.rig.bones.len()).1;
     sizes.directions = 4 * header.training.directions.len() as u64;
     sizes.maps = (points + bones + own_map) as u64;
+    if let Some(mesh) = model.rest() {
+        let tensors = super::rest::tensors(mesh, header.rig.nodes.len());
+        sizes.rest = tensors.iter().map(|(_, tensor)| tensor.bytes.len() as u64).sum();
+    }
     if let Some(occluders) = model.occluders() {
         let groups = occluders.groups(shape.points);
         let anchors = occluders.anchors.len() * index_dtype(shape.points).1;

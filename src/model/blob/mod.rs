@@ -3,6 +3,7 @@
 mod layout;
 mod quantise;
 mod read;
+mod rest;
 mod write;
 
 use super::{Error, Model, Occluders, Precision};
@@ -20,13 +21,15 @@ pub struct Sizes {
     pub maps: u64,
     /// Spheres, groups and weights of occluders, where there are any.
     pub occluders: u64,
+    /// The rest mesh and what moves it, where the model carries it.
+    pub rest: u64,
 }
 
 impl Sizes {
     /// All tensors, the JSON header not counted.
     #[must_use]
     pub fn total(self) -> u64 {
-        self.decoder + self.scales + self.directions + self.maps + self.occluders
+        self.decoder + self.scales + self.directions + self.maps + self.occluders + self.rest
     }
 }
 

@@ -22,7 +22,7 @@ use super::layout::{
 use super::quantise::{decode, f32_values, index_values};
 
 /// The tensors of a file that have not been read yet.
-struct Tensors<'a> {
+pub(super) struct Tensors<'a> {
     infos: BTreeMap<String, TensorInfo>,
     data: &'a [u8],
 }
@@ -63,12 +63,20 @@ pub(super) fn read(bytes: &[u8]) -> Result<Model, Error> {
         None => None,
         Some(sizes) => Some(occluders(&mut tensors, &header, sizes)?),
     };
+    let rest = match header.rest {
+        None => None,
+        Some(sizes) => Some(super::rest::read(&mut tensors, &header, sizes)?),
+    };
     tensors.finish()?;
     let decoder = decoder(header.family, &detail, arrays, map);
     let model = Model::new(header, decoder, point_of_vertex, bone_of_point)?;
-    match occluders {
+    let model = match occluders {
+        None => model,
+        Some(occluders) => model.with_occluders(occluders)?,
+    };
+    match rest {
         None => Ok(model),
-        Some(occluders) => model.with_occluders(occluders),
+        Some(rest) => model.with_rest(rest),
     }
 }
 
@@ -206,7 +214,7 @@ impl<'a> Tensors<'a> {
     }
 
     /// The bytes of a tensor of exactly this type and shape.
-    fn take(&mut self, name: &str, dtype: Dtype, shape: &[usize]) -> Result<&'a [u8], Error> {
+    pub(super) fn take(&mut self, name: &str, dtype: Dtype, shape: &[usize]) -> Result<&'a [u8], Error> {
         let info = self.infos.remove(name).ok_or_else(|| missing(name))?;
         if info.dtype != dtype || info.shape != shape {
             return Err(Error::TensorShape {
@@ -232,7 +240,7 @@ impl<'a> Tensors<'a> {
     }
 
     /// Indices below `below`, in the smallest type that holds them; the model checks the range.
-    fn indices(&mut self, name: &str, shape: &[usize], below: usize) -> Result<Vec<u32>, Error> {
+    pub(super) fn indices(&mut self, name: &str, shape: &[usize], below: usize) -> Result<Vec<u32>, Error> {
         let (dtype, size) = index_dtype(below);
         Ok(index_values(self.take(name, dtype, shape)?, size))
     }

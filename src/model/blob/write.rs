@@ -16,10 +16,10 @@ use super::layout::{
 use super::quantise::{encode, f32_bytes, index_bytes};
 
 /// A tensor on its way into the file.
-struct Tensor {
-    dtype: Dtype,
-    shape: Vec<usize>,
-    bytes: Vec<u8>,
+pub(super) struct Tensor {
+    pub(super) dtype: Dtype,
+    pub(super) shape: Vec<usize>,
+    pub(super) bytes: Vec<u8>,
 }
 
 impl View for Tensor {
@@ -106,6 +106,10 @@ fn tensors(model: &Model, precision: Precision) -> Result<Vec<(String, Tensor)>,
             let tensor = Tensor { dtype: Dtype::F32, shape, bytes: f32_bytes(values) };
             tensors.push((name.to_owned(), tensor));
         }
+    }
+    if let Some(mesh) = model.rest() {
+        let own = super::rest::tensors(mesh, header.rig.nodes.len());
+        tensors.extend(own.into_iter().map(|(name, tensor)| (name.to_owned(), tensor)));
     }
     Ok(tensors)
 }

@@ -68,6 +68,10 @@ pub struct FitRecipe {
     /// pose: 0 to 1000. When absent poses are taken as they are; a choice by target finds its own.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reach: Option<f32>,
+    /// Whether a model that looks at the posed mesh carries the points at rest and what moves them,
+    /// so that joint rotations are enough to evaluate it, over HTTP for one.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub include_rest: bool,
     /// The frame in which coefficients are modelled.
     pub frame: FrameName,
     /// How the regularisation is chosen.
@@ -96,6 +100,7 @@ impl Default for FitRecipe {
             unshadowed: None,
             spheres: None,
             reach: None,
+            include_rest: false,
             frame: FrameName::Bone,
             ridge: RidgeName::LeaveOneClipOut,
             alpha: None,
