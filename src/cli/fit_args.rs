@@ -49,6 +49,9 @@ pub(crate) struct FitFlags {
     /// Spheres on the bones of occluder [default: 100].
     #[arg(long, value_name = "N")]
     spheres: Option<u32>,
+    /// Groups of spheres that the points of a bone tell apart [default: 12].
+    #[arg(long, value_name = "N")]
+    groups: Option<u32>,
     /// Draw poses that are farther than this from the training poses, in typical distances of
     /// those, towards their mean [default: take them as they are].
     #[arg(long, value_name = "DISTANCE")]
@@ -195,6 +198,7 @@ impl FitFlags {
             ("--include-rest", self.include_rest),
             ("--unshadowed", self.unshadowed.is_some()),
             ("--spheres", self.spheres.is_some()),
+            ("--groups", self.groups.is_some()),
             ("--neurons", self.neurons.is_some()),
             ("--frame", self.frame.is_some()),
             ("--ridge", self.ridge.is_some()),
@@ -226,6 +230,7 @@ impl FitFlags {
         fit.include_rest |= self.include_rest;
         fit.unshadowed = self.unshadowed.or(fit.unshadowed);
         fit.spheres = self.spheres.or(fit.spheres);
+        fit.groups = self.groups.or(fit.groups);
         set(&mut fit.frame, self.frame);
         if let Some(ridge) = self.ridge {
             fit.ridge = ridge.into();

@@ -116,6 +116,8 @@ pub struct Settings {
     /// How many spheres on the bones explain what they can before the family learns the rest;
     /// none by default. Needs the posed mesh.
     pub spheres: Option<usize>,
+    /// Groups of spheres that the points of a bone tell apart, at most; 12 by default.
+    pub groups: usize,
     /// Seed of the randomised decomposition, 1 by default.
     pub seed: u64,
     /// Steps of an optimiser that has no closed form (`tanh`), at most; 1000 by default.
@@ -131,6 +133,7 @@ impl Default for Settings {
             on: On::Novel,
             unshadowed: false,
             spheres: None,
+            groups: 12,
             seed: 1,
             steps: 1000,
         }

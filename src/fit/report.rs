@@ -57,10 +57,8 @@ pub struct OccluderReport {
     pub spheres: usize,
     /// Groups of them that a point tells apart.
     pub groups: usize,
-    /// What holds a point's weights to the shared ones, as a share of its features' mean energy.
+    /// What holds a point's weights to those of its bone, as a share of its features' mean energy.
     pub penalty: f64,
-    /// The weights of the groups that all points share.
-    pub shared: Vec<f64>,
     /// The error on left-out clips, where any can be left out.
     pub left_out_rmse: Option<f64>,
     /// The error on the training poses themselves.

@@ -51,14 +51,15 @@ pub(super) struct Outputs {
     frame: Frame,
     unshadowed: bool,
     spheres: Option<usize>,
+    groups: usize,
     on: On,
     ridge: Ridge,
 }
 
 impl Outputs {
     pub(super) fn of(settings: &Settings) -> Self {
-        let Settings { frame, unshadowed, spheres, on, ridge, .. } = *settings;
-        Self { frame, unshadowed, spheres, on, ridge }
+        let Settings { frame, unshadowed, spheres, groups, on, ridge, .. } = *settings;
+        Self { frame, unshadowed, spheres, groups, on, ridge }
     }
 }
 

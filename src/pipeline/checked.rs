@@ -7,9 +7,10 @@ use std::fmt::Display;
 use bake_fields::{checked_bake, checked_noise, checked_subsurface};
 
 use super::recipe::{
-    DEFAULT_CLUSTER_RETAINED, DEFAULT_INPUTS, DEFAULT_OUTPUTS, DEFAULT_POSE_CLUSTERS,
-    DEFAULT_RETAINED, DEFAULT_SPHERES, FamilyName, FitRecipe, FrameName, OnName,
-    ParametrisationName, PosesRecipe, PrecisionName, Recipe, RidgeName, TargetRecipe, VERSION,
+    DEFAULT_CLUSTER_RETAINED, DEFAULT_GROUPS, DEFAULT_INPUTS, DEFAULT_OUTPUTS,
+    DEFAULT_POSE_CLUSTERS, DEFAULT_RETAINED, DEFAULT_SPHERES, FamilyName, FitRecipe, FrameName,
+    OnName, ParametrisationName, PosesRecipe, PrecisionName, Recipe, RidgeName, TargetRecipe,
+    VERSION,
 };
 use crate::rig::ParametrisationKind;
 use crate::{bake, fit, model, pose};
@@ -153,8 +154,10 @@ fn checked_fit(fit: &FitRecipe, on: OnName) -> Result<fit::Settings, RecipeError
         require((0.0..=1000.0).contains(&reach), "fit.reach", reach, "it must be 0 to 1000")?;
     }
     let (unshadowed, spheres) = occluders(fit)?;
-    let (seed, steps) = (fit.seed, fit::Settings::default().steps);
-    Ok(fit::Settings { family, frame, ridge, on, unshadowed, spheres, seed, steps })
+    let groups = fit.groups.unwrap_or(DEFAULT_GROUPS);
+    require((1..=64).contains(&groups), "fit.groups", groups, "it must be 1 to 64")?;
+    let (seed, steps, groups) = (fit.seed, fit::Settings::default().steps, groups as usize);
+    Ok(fit::Settings { family, frame, ridge, on, unshadowed, spheres, groups, seed, steps })
 }
 
 /// Whether the unshadowed part is left out, and how many spheres explain the rest.
@@ -371,6 +374,7 @@ mod tests {
             "fit.retain_outputs"
         );
         assert_eq!(fault(|r| r.fit.spheres = Some(0)), "fit.spheres");
+        assert_eq!(fault(|r| r.fit.groups = Some(65)), "fit.groups");
         assert_eq!(fault(|r| r.fit.reach = Some(f32::NAN)), "fit.reach");
         assert_eq!(fault(|r| r.fit.ridge = RidgeName::Fixed), "fit.alpha");
         assert_eq!(fault(|r| r.target.reference_factor = 7), "target.reference_factor");

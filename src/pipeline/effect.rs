@@ -36,7 +36,8 @@ pub fn effective_fit(fit: &FitRecipe, on: OnName) -> Result<(), RecipeError> {
     shares(fit)?;
     if fit.include_rest && !fit.unshadowed.unwrap_or(fit.family == Occluder) {
         let (field, found) = ("fit.include_rest", "true".to_owned());
-        let expected = "only a model of the family occluder, or an unshadowed one, looks at the mesh";
+        let expected =
+            "only a model of the family occluder, or an unshadowed one, looks at the mesh";
         return Err(RecipeError { field, found, expected });
     }
     regularisation(fit, on)
@@ -103,6 +104,7 @@ fn stated(fit: &FitRecipe) -> impl Iterator<Item = Stated> {
         one("fit.neurons", text(fit.neurons), &[ClusteredTanh], |f| f.neurons = None),
         one("fit.reach", fit.reach.map(|v| v.to_string()), REACHES, |f| f.reach = None),
         one("fit.spheres", text(fit.spheres), &[Occluder], |f| f.spheres = None),
+        one("fit.groups", text(fit.groups), &[Occluder], |f| f.groups = None),
         one("fit.alpha", share(fit.alpha), RIDGES, |f| {
             (f.alpha, f.ridge) = (None, FitRecipe::default().ridge);
         }),
@@ -208,6 +210,7 @@ mod tests {
         assert_eq!(family(PcaLinear, |f| f.clusters = Some(4)), Some("fit.clusters"));
         assert_eq!(family(ClusteredLinear, |f| f.neurons = Some(4)), Some("fit.neurons"));
         assert_eq!(family(PcaLinear, |f| f.spheres = Some(4)), Some("fit.spheres"));
+        assert_eq!(family(PcaLinear, |f| f.groups = Some(4)), Some("fit.groups"));
         assert_eq!(family(PcaLinear, |f| f.published = true), Some("fit.published"));
         assert_eq!(family(Linear, |f| f.blend_exponent = 4.0), Some("fit.blend_exponent"));
         let mixed = |f: &mut FitRecipe| (f.inputs, f.retain_outputs) = (Some(8), Some(0.9));

@@ -8,8 +8,9 @@ pub mod subsurface;
 pub mod surroundings;
 
 pub use fit::{
-    DEFAULT_CLUSTER_RETAINED, DEFAULT_INPUTS, DEFAULT_OUTPUTS, DEFAULT_POSE_CLUSTERS,
-    DEFAULT_RETAINED, DEFAULT_SPHERES, FamilyName, FitRecipe, FrameName, RidgeName,
+    DEFAULT_CLUSTER_RETAINED, DEFAULT_GROUPS, DEFAULT_INPUTS, DEFAULT_OUTPUTS,
+    DEFAULT_POSE_CLUSTERS, DEFAULT_RETAINED, DEFAULT_SPHERES, FamilyName, FitRecipe, FrameName,
+    RidgeName,
 };
 
 use schemars::JsonSchema;

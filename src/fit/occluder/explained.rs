@@ -42,7 +42,11 @@ pub(super) struct Chunk {
 
 /// Chunks of a block of points, by bone.
 pub(super) fn chunks(bone_of_point: &[u16]) -> Vec<Chunk> {
-    let mut order: Vec<usize> = (0..bone_of_point.len()).collect();
+    chunks_of(bone_of_point, (0..bone_of_point.len()).collect())
+}
+
+/// Chunks of some points of a block, by bone.
+pub(super) fn chunks_of(bone_of_point: &[u16], mut order: Vec<usize>) -> Vec<Chunk> {
     order.sort_by_key(|&point| bone_of_point[point]);
     order
         .chunk_by(|&a, &b| bone_of_point[a] == bone_of_point[b])

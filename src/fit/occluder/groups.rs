@@ -1,14 +1,29 @@
-//! Which spheres a point sums up together.
+//! Which spheres a point sums up together, at the finest.
 //!
-//! The bones fall into chains: limbs, and fingers, that part where the skeleton branches. A point sees the
+//! The spheres of every bone are a group, as long as there are few enough bones. Else the bones fall into chains: limbs, and fingers, that part where the skeleton branches. A point sees the
 //! spheres of its own bone, of the bone above and of the bones below as groups of their own, and
 //! the rest by chains.
 
 /// Groups of a point's own surroundings: its bone, the one above, those below.
 const NEAR: usize = 3;
+/// Groups, at most.
+const MOST: usize = 64;
+
+/// `[bone, sphere]` and the number of groups, before any are merged.
+pub(super) fn finest(parents: &[Option<usize>], bone_of_sphere: &[usize]) -> (Vec<u8>, usize) {
+    let mut bones = bone_of_sphere.to_vec();
+    bones.sort_unstable();
+    bones.dedup();
+    if bones.len() > MOST {
+        return table(parents, bone_of_sphere);
+    }
+    let row = bone_of_sphere.iter().map(|&bone| bones.partition_point(|&b| b < bone) as u8);
+    let row: Vec<u8> = row.collect();
+    (row.repeat(parents.len()), bones.len())
+}
 
 /// `[bone, sphere]` and the number of groups.
-pub(super) fn table(parents: &[Option<usize>], bone_of_sphere: &[usize]) -> (Vec<u8>, usize) {
+fn table(parents: &[Option<usize>], bone_of_sphere: &[usize]) -> (Vec<u8>, usize) {
     let chains = chains(parents);
     let group = |bone: usize, sphere: usize| {
         let other = bone_of_sphere[sphere];
@@ -26,9 +41,8 @@ pub(super) fn table(parents: &[Option<usize>], bone_of_sphere: &[usize]) -> (Vec
     let pairs = (0..parents.len()).flat_map(|bone| spheres.clone().map(move |q| (bone, q)));
     let all: Vec<usize> = pairs.map(|(bone, sphere)| group(bone, sphere)).collect();
     let count = all.iter().max().map_or(0, |most| most + 1);
-    // More chains than fit a byte share the last group.
-    let most = usize::from(u8::MAX);
-    (all.iter().map(|&group| group.min(most) as u8).collect(), count.min(most + 1))
+    // Chains beyond the last share its group.
+    (all.iter().map(|&group| group.min(MOST - 1) as u8).collect(), count.min(MOST))
 }
 
 /// Bone → chain, numbered without gaps in the order of the bones.
@@ -74,5 +88,18 @@ mod tests {
     fn the_smallest_skeletons() {
         assert_eq!(table(&[None], &[0, 0]), (vec![0, 0], 1));
         assert_eq!(table(&[], &[]), (Vec::new(), 0));
+        assert_eq!(finest(&[None], &[0, 0]), (vec![0, 0], 1));
+        assert_eq!(finest(&[], &[]), (Vec::new(), 0));
+    }
+
+    /// Every bone that has spheres is a group, seen alike from everywhere; too many bones are
+    /// chains.
+    #[test]
+    fn bones_are_groups_while_they_are_few() {
+        assert_eq!(finest(&[None, Some(0), Some(1)], &[0, 2, 2]), ([0, 1, 1].repeat(3), 2));
+        let star: Vec<Option<usize>> = (0..200).map(|i| (i > 0).then_some(0)).collect();
+        let (table, groups) = finest(&star, &(0..200).collect::<Vec<_>>());
+        assert_eq!((table.len(), groups), (200 * 200, MOST));
+        assert!(table.iter().all(|&group| usize::from(group) < groups));
     }
 }

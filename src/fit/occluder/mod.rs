@@ -1,11 +1,14 @@
 //! Family `occluder`: what groups of spheres on the bones block at every point.
 //!
-//! Spheres are cut from the rest mesh ([`spheres`]), grouped by the skeleton ([`groups`]), and
-//! weighted at every point by a ridge that shrinks towards weights which all points share. What
-//! they leave over is any other family's to learn.
+//! Spheres are cut from the rest mesh ([`spheres`]), grouped by bones ([`groups`]), of which the
+//! points of each bone tell apart those that matter to them ([`merge`]), and weighted at every point
+//! by a ridge that shrinks towards weights which the bone's points share ([`solver`]). What they
+//! leave over is any other family's to learn.
 
 mod explained;
 mod groups;
+mod merge;
+mod solver;
 mod spheres;
 mod sums;
 
@@ -23,29 +26,17 @@ use crate::model::occluder::{ANCHORS, add, caps::LANES};
 use crate::model::{Occluders, Signal};
 use crate::sh::Order;
 use explained::{Chunk, chunks};
+use solver::Solver;
 use sums::{Moments, Sums};
 
 /// Parts into which the training poses are cut to be left out, at most.
 const MOST_FOLDS: usize = 6;
-/// Penalties that are tried, as shares of the features' mean energy at a point: from next to
-/// nothing to weights that all points share.
-const PENALTIES: [f64; 13] =
-    [1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0, 1e4];
-
-/// Points that penalties are tried at, at most.
-const TRIED_POINTS: usize = 2048;
-
 /// The moments of one point: of all poses, and for each fold those of the others and its own,
 /// both about the means of the others.
 struct PointMoments {
+    bone: usize,
     all: Moments,
     folds: Vec<[Moments; 2]>,
-}
-
-/// Sums over all points, for the weights that they share.
-struct Pooled {
-    all: Moments,
-    folds: Vec<Moments>,
 }
 
 /// Places the spheres of a mesh in all poses, with weights of 1.
@@ -61,7 +52,7 @@ pub(super) fn place(
         .step_by(ANCHORS)
         .map(|&point| usize::from(geometry.bones.of_point[point as usize]))
         .collect();
-    let (group_of, groups) = groups::table(&geometry.parents(), &bone_of_sphere);
+    let (group_of, groups) = groups::finest(&geometry.parents(), &bone_of_sphere);
     let occluders = Occluders {
         offsets: spheres.offsets.iter().flat_map(Vec3::to_array).collect(),
         radii: spheres.radii,
@@ -99,29 +90,20 @@ pub(super) fn fit(
 ) -> Result<OccluderReport, Error> {
     let points = source.points();
     let explained = source.explained().ok_or(Error::NeedsGeometry)?;
+    if placed.occluders.groups(points) > settings.groups {
+        merge::merge(source, explained, placed, settings.groups)?;
+    }
     let groups = placed.occluders.groups(points);
     let fold_of_pose = folds(clips, settings);
-    let count = fold_of_pose.iter().max().map_or(0, |most| most + 1);
-    let mut pooled =
-        Pooled { all: Moments::zero(groups), folds: vec![Moments::zero(groups); count] };
     let mut moments: Vec<PointMoments> = Vec::with_capacity(points);
     source.map_fold(
         |block| Ok(block_moments(block, explained, placed, &fold_of_pose, groups)),
-        |_, of_block| {
-            for point in of_block {
-                pooled.all.merge(&point.all);
-                let pairs = pooled.folds.iter_mut().zip(&point.folds);
-                pairs.for_each(|(sum, [others, _])| sum.merge(others));
-                moments.push(point);
-            }
-        },
+        |_, of_block| moments.extend(of_block),
     )?;
-    let solver = Solver::new(&pooled, points, settings);
+    let solver = Solver::new(&moments, groups, explained.geometry.bones.nodes.len(), settings);
     let (penalty, left_out) = solver.choose(&moments);
-    let weights: Vec<Vec<f64>> = moments
-        .par_iter()
-        .map(|point| solver.weights(&point.all, &solver.shared, penalty))
-        .collect();
+    let weights: Vec<Vec<f64>> =
+        moments.par_iter().map(|point| solver.weights_of(point, penalty)).collect();
     let training: f64 =
         moments.iter().zip(&weights).map(|(point, weights)| point.all.residual(weights)).sum();
     placed.occluders.weights = weights.iter().flatten().map(|&w| w as f32).collect();
@@ -131,10 +113,9 @@ pub(super) fn fit(
         spheres: placed.occluders.spheres(),
         groups,
         penalty,
-        shared: solver.shared.clone(),
         left_out_rmse: left_out.map(|energy| (energy / numbers).sqrt()),
         training_rmse: (training / numbers).sqrt(),
-        spread_rms: (pooled.all.square / numbers).sqrt(),
+        spread_rms: (moments.iter().map(|point| point.all.square).sum::<f64>() / numbers).sqrt(),
     })
 }
 
@@ -168,7 +149,7 @@ fn block_moments(
     for chunk in chunks(bones) {
         let sums = chunk_sums(block, explained, placed, (&moved, &chunk), (fold_of_pose, groups));
         for (sums, &point) in sums.iter().zip(&chunk.points[..chunk.count]) {
-            out[point] = Some(point_moments(sums));
+            out[point] = Some(point_moments(chunk.bone, sums));
         }
     }
     out.into_iter().map(|point| point.expect("chunks hold every point")).collect()
@@ -211,7 +192,7 @@ fn chunk_sums(
     sums
 }
 
-fn point_moments(folds: &[Sums]) -> PointMoments {
+fn point_moments(bone: usize, folds: &[Sums]) -> PointMoments {
     let merged = |skip: Option<usize>| {
         let mut some = folds.iter().enumerate().filter(|(i, _)| Some(*i) != skip).map(|(_, f)| f);
         let first = some.next().cloned();
@@ -226,73 +207,9 @@ fn point_moments(folds: &[Sums]) -> PointMoments {
         Some([others.about(&others), fold.about(&others)])
     };
     PointMoments {
+        bone,
         all: all.about(&all),
         folds: folds.iter().enumerate().filter_map(tried).collect(),
-    }
-}
-
-/// What all points share in solving for their weights.
-struct Solver {
-    /// Weights that all points share.
-    shared: Vec<f64>,
-    /// The same without each fold.
-    shared_folds: Vec<Vec<f64>>,
-    /// Mean energy of a group's features at a point.
-    scale: f64,
-    fixed: Option<f64>,
-}
-
-impl Solver {
-    fn new(pooled: &Pooled, points: usize, settings: &Settings) -> Self {
-        let groups = pooled.all.cross.len();
-        let energy = pooled.all.diagonal();
-        let scale = energy.iter().sum::<f64>() / groups.max(1) as f64;
-        // A little towards "blocks as it is" for all groups alike: one that hardly moves, such as
-        // a stiff limb's own, would otherwise take any weight that its noise suggests.
-        let trace = vec![1e-3 * scale + f64::MIN_POSITIVE; groups];
-        let share = |moments: &Moments| moments.solve(&vec![1.0; groups], &trace);
-        let fixed = match (settings.on, settings.ridge) {
-            (On::Trained, _) => Some(PENALTIES[0]),
-            (On::Novel, Ridge::Fixed(alpha)) => Some(alpha),
-            (On::Novel, _) => None,
-        };
-        Self {
-            shared: share(&pooled.all),
-            shared_folds: pooled.folds.iter().map(share).collect(),
-            scale: scale / points.max(1) as f64,
-            fixed,
-        }
-    }
-
-    fn weights(&self, moments: &Moments, prior: &[f64], penalty: f64) -> Vec<f64> {
-        moments.solve(prior, &vec![penalty * self.scale; prior.len()])
-    }
-
-    /// The penalty that predicts left-out poses best, and the energy that it leaves of them.
-    fn choose(&self, moments: &[PointMoments]) -> (f64, Option<f64>) {
-        if let Some(fixed) = self.fixed {
-            return (fixed, None);
-        }
-        if moments.first().is_none_or(|point| point.folds.is_empty()) {
-            return (1.0, None);
-        }
-        let energy = |penalty: f64, step: usize| -> f64 {
-            let of_point = |point: &PointMoments| -> f64 {
-                let folds = point.folds.iter().zip(&self.shared_folds);
-                folds
-                    .map(|([others, own], shared)| {
-                        own.residual(&self.weights(others, shared, penalty))
-                    })
-                    .sum()
-            };
-            // Collected first: the order of a sum must not depend on the threads.
-            moments.par_iter().step_by(step).map(of_point).collect::<Vec<f64>>().iter().sum()
-        };
-        // One penalty for all points: some of them say which.
-        let step = moments.len().div_ceil(TRIED_POINTS).max(1);
-        let tried = PENALTIES.map(|penalty| (penalty, energy(penalty, step)));
-        let best = tried.into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
-        best.map_or((1.0, None), |(penalty, _)| (penalty, Some(energy(penalty, 1))))
     }
 }
 

@@ -200,6 +200,26 @@ fn what_spheres_block_is_found_again() {
     }
 }
 
+/// Proves that merging leaves as many groups as asked for, of which the model knows no others, and
+/// that data which weigh all groups alike are described as well as with all groups.
+#[test]
+fn merged_groups_are_enough_where_weights_agree() {
+    let puppet = Puppet::new();
+    let order = Order::new(1).unwrap();
+    let values = exact(&puppet, Signal::Ao, order, |point, _| 0.5 + 0.1 * (point % 7) as f32);
+    let training = puppet.training(1, values);
+    let geometry = puppet.geometry(Signal::Ao, order);
+    for groups in [1, 2] {
+        let settings = Settings { groups, ..settings(Signal::Ao) };
+        let fitted = fit_posed(&training, &settings, Some(&geometry)).unwrap();
+        let report = fitted.report.occluders.unwrap();
+        assert!(report.training_rmse < 0.02 * report.spread_rms, "{groups} {report:?}");
+        assert_eq!(report.groups, groups);
+        let group_of = fitted.occluders.unwrap().group_of;
+        assert!(group_of.iter().all(|&group| usize::from(group) < groups), "{group_of:?}");
+    }
+}
+
 /// Proves that noise leaves points the weights that all share: the penalty is chosen by what
 /// left-out clips say.
 #[test]
@@ -211,10 +231,19 @@ fn noise_leaves_shared_weights() {
     values.iter_mut().for_each(|x| *x += 0.05 * stream.normal() as f32);
     let training = puppet.training(1, values);
     let geometry = puppet.geometry(Signal::Ao, order);
-    let report = fit_posed(&training, &settings(Signal::Ao), Some(&geometry)).unwrap().report;
-    let report = report.occluders.unwrap();
+    let fitted = fit_posed(&training, &settings(Signal::Ao), Some(&geometry)).unwrap();
+    let report = fitted.report.occluders.unwrap();
     assert!(report.penalty >= 1.0, "{report:?}");
-    assert!(report.shared.iter().take(1).all(|w| w.is_finite()), "{report:?}");
+    let weights = fitted.occluders.unwrap().weights;
+    let of_bones = weights.chunks_exact(report.groups * RINGS * AROUND);
+    for (bone, rows) in of_bones.enumerate() {
+        for group in 0..report.groups {
+            let all = rows.iter().skip(group).step_by(report.groups);
+            let most = all.clone().fold(f32::NEG_INFINITY, |a, &b| a.max(b));
+            let least = all.fold(f32::INFINITY, |a, &b| a.min(b));
+            assert!(most - least < 0.3, "bone {bone}, group {group}: {least} to {most}");
+        }
+    }
 }
 
 /// Proves that a fit without the mesh says what it needs, and that a scene of one pose, from which

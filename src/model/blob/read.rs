@@ -214,7 +214,12 @@ impl<'a> Tensors<'a> {
     }
 
     /// The bytes of a tensor of exactly this type and shape.
-    pub(super) fn take(&mut self, name: &str, dtype: Dtype, shape: &[usize]) -> Result<&'a [u8], Error> {
+    pub(super) fn take(
+        &mut self,
+        name: &str,
+        dtype: Dtype,
+        shape: &[usize],
+    ) -> Result<&'a [u8], Error> {
         let info = self.infos.remove(name).ok_or_else(|| missing(name))?;
         if info.dtype != dtype || info.shape != shape {
             return Err(Error::TensorShape {
@@ -240,7 +245,12 @@ impl<'a> Tensors<'a> {
     }
 
     /// Indices below `below`, in the smallest type that holds them; the model checks the range.
-    pub(super) fn indices(&mut self, name: &str, shape: &[usize], below: usize) -> Result<Vec<u32>, Error> {
+    pub(super) fn indices(
+        &mut self,
+        name: &str,
+        shape: &[usize],
+        below: usize,
+    ) -> Result<Vec<u32>, Error> {
         let (dtype, size) = index_dtype(below);
         Ok(index_values(self.take(name, dtype, shape)?, size))
     }

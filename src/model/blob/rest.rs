@@ -57,8 +57,7 @@ pub(super) fn tensors(mesh: &Mesh, nodes: usize) -> Vec<(&'static str, Tensor)> 
         all.position_deltas,
         all.normal_deltas,
     ];
-    let indices =
-        [all.nodes, all.counts, all.deformers, all.slots, all.lengths, all.displaced];
+    let indices = [all.nodes, all.counts, all.deformers, all.slots, all.lengths, all.displaced];
     let mut out = Vec::with_capacity(NUMBERS.len() + INDICES.len());
     for ((name, shape), values) in NUMBERS.into_iter().zip(layout.numbers).zip(numbers) {
         out.push((name, Tensor { dtype: Dtype::F32, shape, bytes: f32_bytes(&values) }));

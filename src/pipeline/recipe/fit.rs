@@ -23,6 +23,9 @@ pub const DEFAULT_RETAINED: f64 = 0.9;
 /// Spheres of `occluder` where none are asked for.
 pub const DEFAULT_SPHERES: u32 = 100;
 
+/// Groups of spheres that the points of a bone tell apart where no number is asked for.
+pub const DEFAULT_GROUPS: u32 = 12;
+
 /// Output dimensions of `pca-linear` where none are asked for; likewise.
 pub const DEFAULT_OUTPUTS: u32 = 22;
 
@@ -64,6 +67,10 @@ pub struct FitRecipe {
     pub unshadowed: Option<bool>,
     /// Spheres on the bones of `occluder`, 1 to 4096. When absent 100; at least one for every bone.
     pub spheres: Option<u32>,
+    /// Groups of spheres of `occluder` that the points of a bone tell apart, 1 to 64. When absent
+    /// 12, or as many as the bones have where that is fewer.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub groups: Option<u32>,
     /// Distance, in typical ones of training poses, beyond which a pose is drawn towards the mean
     /// pose: 0 to 1000. When absent poses are taken as they are; a choice by target finds its own.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -99,6 +106,7 @@ impl Default for FitRecipe {
             parametrisation: None,
             unshadowed: None,
             spheres: None,
+            groups: None,
             reach: None,
             include_rest: false,
             frame: FrameName::Bone,
