@@ -64,6 +64,8 @@ pub(crate) enum Command {
     Check(super::check_args::CheckArgs),
     /// Write a model's values at one pose into the scene's GLB, as vertex attributes.
     Apply(ApplyArgs),
+    /// Attach a model to a re-exported scene, whose vertices are in another order, split or merged.
+    Rebind(super::rebind_args::RebindArgs),
     /// Print an environment light as spherical harmonics, also as engines take it.
     Light(super::light_args::LightArgs),
     /// Make a reflection operator of a reflectance.

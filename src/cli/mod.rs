@@ -12,6 +12,7 @@ mod files;
 mod fit_args;
 mod light_args;
 mod light_source;
+mod rebind_args;
 mod screen;
 #[cfg(feature = "serve")]
 mod serve_args;
@@ -139,6 +140,7 @@ fn run(command: Command, watch: &Watch) -> anyhow::Result<Answer> {
         Command::Run(args) => commands::run(&args, watch),
         Command::Check(args) => commands::check(&args, watch),
         Command::Apply(args) => commands::apply(&args),
+        Command::Rebind(args) => commands::rebind(&args),
         Command::Brdf(args) => commands::brdf(&args),
         Command::Light(args) => commands::light(&args),
         Command::Still(args) => commands::still(&args),

@@ -22,6 +22,7 @@ mod multilinear;
 pub mod occluder;
 mod pose;
 mod posed;
+mod rebound;
 mod rest;
 mod rig;
 mod rig_header;

@@ -153,9 +153,13 @@ impl Query {
         let order = node_order(model, scene)?;
         let local = order.iter().map(|&node| of_scene.local[node]).collect();
         let pose = Pose { local, weights: of_scene.weights.clone() };
-        let surface = model.needs_surface().then(|| surface(model, scene, of_scene, &pose));
+        // Its own mesh first: a scene that it was attached to may have merged some of its points.
+        let surface = match model.needs_surface().then(|| model.surface_of(&pose)).transpose()? {
+            Some(None) => Some(surface(model, scene, of_scene, &pose)?),
+            own => own.flatten(),
+        };
         let parameters = model.parameters_of_pose(&pose)?;
-        Ok(Self { parameters, surface: surface.transpose()?, pose: Some(pose) })
+        Ok(Self { parameters, surface, pose: Some(pose) })
     }
 
     /// The times of a clip's frames at a rate, seconds from 0; none where there is no such clip.

@@ -9,6 +9,7 @@ mod fit;
 mod inspect;
 mod light;
 mod measure;
+mod rebind;
 mod run;
 mod sample;
 #[cfg(feature = "serve")]
@@ -25,6 +26,7 @@ pub(super) use fit::fit;
 pub(super) use inspect::inspect;
 pub(super) use light::light;
 pub(super) use measure::measure;
+pub(super) use rebind::rebind;
 pub(super) use run::run;
 pub(super) use sample::{sample, schema};
 #[cfg(feature = "serve")]
