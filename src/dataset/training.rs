@@ -120,6 +120,22 @@ impl<'a> Training<'a> {
         Self { parts, skin: self.skin, source, stop: self.stop }
     }
 
+    /// Only the first coefficients of every channel: the lower bands of the harmonics.
+    ///
+    /// # Panics
+    /// If there are not so many.
+    #[must_use]
+    pub fn with_coefficients(mut self, keep: usize) -> Self {
+        let all = self.parts.coefficients;
+        assert!((1..=all).contains(&keep), "{keep} of {all} coefficients");
+        if let Source::Memory = self.source {
+            let rows = self.parts.values.chunks_exact(all);
+            self.parts.values = rows.flat_map(|row| &row[..keep]).copied().collect();
+        }
+        self.parts.coefficients = keep;
+        self
+    }
+
     /// The same until `stop` becomes true: then it reads no more.
     #[must_use]
     pub fn stopped_by(mut self, stop: &'a AtomicBool) -> Self {
@@ -272,7 +288,18 @@ impl<'a> Training<'a> {
             return Err(Error::Stopped);
         }
         match &self.source {
-            Source::Stored { dataset, poses } => dataset.read_points(poses, points, out),
+            Source::Stored { dataset, poses } => {
+                let (all, keep) = (dataset.header().layout.coefficients, self.parts.coefficients);
+                if all == keep {
+                    return dataset.read_points(poses, points, out);
+                }
+                let mut whole = vec![0.0; out.len() / keep * all];
+                dataset.read_points(poses, points, &mut whole)?;
+                for (out, row) in out.chunks_exact_mut(keep).zip(whole.chunks_exact(all)) {
+                    out.copy_from_slice(&row[..keep]);
+                }
+                Ok(())
+            }
             Source::Memory => {
                 self.copy_points(points, out);
                 Ok(())

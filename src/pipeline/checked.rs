@@ -153,6 +153,9 @@ fn checked_fit(fit: &FitRecipe, on: OnName) -> Result<fit::Settings, RecipeError
     if let Some(reach) = fit.reach {
         require((0.0..=1000.0).contains(&reach), "fit.reach", reach, "it must be 0 to 1000")?;
     }
+    if let Some(bands) = fit.bands {
+        require((1..=10).contains(&bands), "fit.bands", bands, "it must be 1 to 10")?;
+    }
     let (unshadowed, spheres) = occluders(fit)?;
     let groups = fit.groups.unwrap_or(DEFAULT_GROUPS);
     require((1..=64).contains(&groups), "fit.groups", groups, "it must be 1 to 64")?;

@@ -2,8 +2,10 @@
 //! the motion that was held out.
 
 use super::recipe::{Recipe, TargetRecipe};
+use super::run::examine_noting;
+use super::trim::trim;
 use super::{
-    CandidateRecipe, Checked, Error, Figures, Searched, Watch, examine, meets_target, search,
+    CandidateRecipe, Checked, Error, Figures, Searched, Trimmed, Watch, fit, meets_target, search,
 };
 use crate::choose::{Point, Target};
 use crate::dataset::Dataset;
@@ -14,6 +16,8 @@ use crate::model::Model;
 pub struct Confirmed {
     /// The search, and the model that it ended with.
     pub found: Searched,
+    /// What the model does without, where it can.
+    pub trimmed: Option<Trimmed>,
     /// The model's file; the errors that were measured stand in its header.
     pub blob: Vec<u8>,
     /// What was measured on it.
@@ -46,19 +50,26 @@ fn target(recipe: &Recipe) -> Target {
 /// Chooses the simplest of some candidates that meets the recipe's target, and measures it.
 ///
 /// # Errors
-/// As [`search`] and [`examine`].
+/// As [`search`] and [`super::examine`].
 pub fn choose(
     dataset: &Dataset,
     recipe: &Recipe,
     candidates: &[CandidateRecipe],
     watch: &Watch,
 ) -> Result<Confirmed, Error> {
-    let found = search(dataset, candidates, &target(recipe), watch)?;
+    let mut found = search(dataset, candidates, &target(recipe), watch)?;
+    let trimmed = trim(dataset, &found, &target(recipe), watch)?;
+    if let Some(trimmed) = &trimmed {
+        found.recipe.fit.without.clone_from(&trimmed.without);
+        found.recipe.fit.bands = trimmed.bands;
+        found.fitted = fit(dataset, &found.recipe)?;
+    }
     // The judge sees what is stored, not what was fitted.
     let mut model = Model::from_bytes(&found.fitted.model.to_bytes(found.precision)?)?;
-    let (figures, page) = examine(&mut model, dataset, &found.recipe, watch)?;
+    let note = trimmed.as_ref().map(Trimmed::story);
+    let (figures, page) = examine_noting(&mut model, dataset, (&found.recipe, note), watch)?;
     let confirmed = meets_target(&figures.measured, Checked::new(&found.recipe)?.reference);
     let blob = model.to_bytes(found.precision)?;
     let met = found.met && confirmed;
-    Ok(Confirmed { found, blob, figures, page, met })
+    Ok(Confirmed { found, trimmed, blob, figures, page, met })
 }

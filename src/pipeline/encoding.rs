@@ -1,16 +1,58 @@
 //! The pose parameters of a fit, where they are not those that the data set stores: another
 //! parametrisation of the same poses needs no new bake.
 
-use super::recipe::{FamilyName, Recipe};
+use super::recipe::{FamilyName, FitRecipe, Recipe};
 use super::reference::job_for;
-use super::{Error, Job, job_of, recipe_of};
+use super::{Error, Job, RecipeError, job_of, recipe_of};
 use crate::dataset::{Dataset, Training};
 use crate::model::{Model, RigHeader};
 use crate::pose::{Sample, Split};
 
 /// The training poses of a data set in the parametrisation that a recipe's fit asks for, and the
 /// rig whose columns these are.
+///
+/// Without the parameters and bands that the fit leaves out.
 pub(super) fn training<'a>(
+    dataset: &'a Dataset,
+    recipe: &Recipe,
+    left_out: &[i32],
+) -> Result<(Training<'a>, RigHeader), Error> {
+    let (training, rig) = whole(dataset, recipe, left_out)?;
+    lessened(training, rig, &recipe.fit)
+}
+
+/// A training set and its rig without the parameters and bands that a fit leaves out.
+pub(super) fn lessened<'a>(
+    mut training: Training<'a>,
+    mut rig: RigHeader,
+    fit: &FitRecipe,
+) -> Result<(Training<'a>, RigHeader), Error> {
+    if !fit.without.is_empty() {
+        let names = training.parameter_names();
+        if let Some(unknown) = fit.without.iter().find(|name| !names.contains(name)) {
+            return Err(Error::Recipe(RecipeError {
+                field: "fit.without",
+                found: format!("`{unknown}`"),
+                expected: "it names no pose parameter of this data set; `inspect` lists them",
+            }));
+        }
+        let kept: Vec<usize> =
+            (0..names.len()).filter(|&i| !fit.without.contains(&names[i])).collect();
+        let names: Vec<String> = kept.iter().map(|&i| names[i].clone()).collect();
+        let rows = training.parameters().chunks_exact(training.parameter_names().len());
+        let parameters = rows.flat_map(|row| kept.iter().map(|&i| row[i])).collect();
+        rig.columns = kept.iter().map(|&i| rig.columns[i].clone()).collect();
+        rig.dropped.extend(fit.without.iter().cloned());
+        training = training.with_parameters(parameters, names);
+    }
+    if let Some(bands) = fit.bands.map(|bands| usize::from(bands).pow(2)) {
+        let keep = bands.min(training.coefficients());
+        training = training.with_coefficients(keep);
+    }
+    Ok((training, rig))
+}
+
+fn whole<'a>(
     dataset: &'a Dataset,
     recipe: &Recipe,
     left_out: &[i32],

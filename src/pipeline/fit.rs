@@ -13,6 +13,7 @@ use crate::fit::{self, FitReport, Fitted};
 use crate::model::{
     self, FORMAT_VERSION, Frame, Header, MeshIdentity, Model, PartRange, Provenance, RigHeader,
 };
+use crate::sh::Order;
 
 /// A model with the story of its fit.
 #[derive(Debug)]
@@ -97,6 +98,9 @@ pub(super) fn fit_part(
         Some(stop) => training.stopped_by(stop),
         None => training,
     };
+    if let (Some(geometry), Some(order)) = (&mut geometry, order_kept(dataset, recipe)) {
+        geometry.order = order;
+    }
     if let (Some(keep), Some(geometry)) = (keep, &mut geometry) {
         geometry.poses = keep.iter().map(|&i| geometry.poses[i]).collect();
     }
@@ -126,6 +130,12 @@ pub(super) fn with_rest(model: Model, dataset: &Dataset) -> Result<Model, Error>
     }
     let job = super::job_of(dataset)?;
     Ok(model.with_rest(job.scene.mesh.subset(&job.poses.points.vertex))?)
+}
+
+/// The order of the harmonics that a fit keeps, where those are fewer than the data have.
+pub(super) fn order_kept(dataset: &Dataset, recipe: &Recipe) -> Option<Order> {
+    let fewer = recipe.fit.bands.filter(|&bands| bands < dataset.header().attributes.order)?;
+    Order::new(fewer).ok()
 }
 
 /// The settings of a recipe's fit to a data set.
@@ -262,6 +272,7 @@ pub fn fit_mean(dataset: &Dataset, recipe: &Recipe) -> Result<Model, Error> {
     let mut recipe = recipe.clone();
     recipe.fit.family = super::recipe::FamilyName::Mean;
     recipe.fit.unshadowed = None;
+    (recipe.fit.without, recipe.fit.bands) = (Vec::new(), None);
     Ok(fit(dataset, &recipe)?.model)
 }
 
@@ -301,7 +312,10 @@ fn header(
         family,
         precision: checked.precision,
         signal,
-        order: if signal == model::Signal::Ao { 1 } else { attributes.order },
+        order: match signal {
+            model::Signal::Ao => 1,
+            _ => recipe.fit.bands.map_or(attributes.order, |bands| bands.min(attributes.order)),
+        },
         channels: layout.channels as u8,
         frame,
         conventions: Header::conventions(),

@@ -9,8 +9,9 @@ use super::recipe::Recipe;
 use super::{Error, Job, encoding, fit_mean, recipe_of};
 use crate::dataset::{Dataset, Reference};
 use crate::measure::{Candidate, Case, Kind, Measured, Measurement, Settings};
-use crate::model::{Model, PosedInput, Precision};
+use crate::model::{Header, Model, PosedInput, Precision, Signal};
 use crate::pose::Split;
+use crate::sh::Order;
 
 /// Candidates of one measurement: the model, the mean that it must beat, and the model at each
 /// other precision.
@@ -147,7 +148,7 @@ fn settings(
     let header = model.header();
     Ok(Settings {
         signal: header.signal,
-        order: header.sh_order(),
+        order: data_order(dataset, header),
         channels: usize::from(header.channels),
         vertex_of_point: dataset.mesh().vertex_of_point.clone(),
         parts: super::job_of(dataset)?.scene.mesh.parts,
@@ -155,6 +156,12 @@ fn settings(
         frame_s: 1.0 / recipe_of(dataset)?.poses.rate_hz,
         reference_rays: Some(reference.header().rays),
     })
+}
+
+/// The order of what was baked, of which a model may keep fewer bands.
+fn data_order(dataset: &Dataset, header: &Header) -> Order {
+    let order = Order::new(dataset.header().attributes.order).ok();
+    order.filter(|_| header.signal != Signal::Ao).unwrap_or_else(|| header.sh_order())
 }
 
 /// The buffers of one pose.
@@ -231,7 +238,28 @@ pub(super) fn predict(
         bone_rotations: &dataset.bone_rotations()[row(layout.bones)],
         surface: surface.map(PointSurface::as_surface),
     };
-    Ok(model.evaluate_posed(&input, out)?)
+    evaluate_widened(model, &input, layout.coefficients, out)
+}
+
+/// A model at a pose, `[point, channel, coefficient]` with so many coefficients: what a model of
+/// fewer bands does not have is 0.
+pub(super) fn evaluate_widened(
+    model: &Model,
+    input: &PosedInput<'_>,
+    all: usize,
+    out: &mut [f32],
+) -> Result<(), Error> {
+    let kept = model.header().coefficients();
+    if kept == all {
+        return Ok(model.evaluate_posed(input, out)?);
+    }
+    let mut few = vec![0.0; out.len() / all * kept];
+    model.evaluate_posed(input, &mut few)?;
+    for (out, few) in out.chunks_exact_mut(all).zip(few.chunks_exact(kept)) {
+        out[..kept].copy_from_slice(few);
+        out[kept..].fill(0.0);
+    }
+    Ok(())
 }
 
 fn split(index: u8) -> Split {

@@ -43,6 +43,7 @@ mod surroundings;
 mod timing;
 mod tradeoff;
 mod tradeoff_page;
+mod trim;
 mod validation;
 mod workbench;
 
@@ -77,3 +78,4 @@ pub use still::{
 };
 pub use surroundings::Occluders;
 pub use tradeoff::{Tradeoff, tradeoff};
+pub use trim::Trimmed;

@@ -85,11 +85,22 @@ pub fn examine(
     recipe: &Recipe,
     watch: &Watch,
 ) -> Result<(Figures, String), Error> {
+    examine_noting(model, dataset, (recipe, None), watch)
+}
+
+/// [`examine`] with a sentence more among what the fit tells of itself.
+pub(super) fn examine_noting(
+    model: &mut Model,
+    dataset: &Dataset,
+    (recipe, note): (&Recipe, Option<String>),
+    watch: &Watch,
+) -> Result<(Figures, String), Error> {
     let settings = Checked::new(recipe)?.reference;
     belongs(model, dataset)?;
     let referenced = bake_reference(dataset, settings, watch)?;
     // The blob does not carry the spectra and the search for α; the same fit finds them again.
-    let FittedModel { model: exact, report, fit_s } = fit_watched(dataset, recipe, watch)?;
+    let FittedModel { model: exact, mut report, fit_s } = fit_watched(dataset, recipe, watch)?;
+    report.notices.extend(note);
     let story = Story { baked: None, referenced: &referenced, report: &report, fit_s };
     let figures = assess((model, &exact), dataset, recipe, &story, watch)?;
     let page = report::page(&job_of(dataset)?, dataset, model, &figures, &report, settings);

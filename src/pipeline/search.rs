@@ -231,13 +231,13 @@ fn conclude(
 }
 
 /// Whether the candidates are meant for what lies between trained poses.
-fn leaves_poses(candidates: &[CandidateRecipe]) -> bool {
+pub(super) fn leaves_poses(candidates: &[CandidateRecipe]) -> bool {
     candidates.iter().all(|candidate| candidate.recipe.fit.ridge == RidgeName::LeaveOneOut)
 }
 
 /// Groups of training poses that are left out in turn: single ones between others where that is
 /// what the models are for, else whole clips where there are at least two.
-fn folds(clips: &[i32], single: bool) -> (Vec<Vec<usize>>, String) {
+pub(super) fn folds(clips: &[i32], single: bool) -> (Vec<Vec<usize>>, String) {
     if single && clips.len() >= 3 * MOST_FOLDS {
         // No two neighbours, and all of them in only one of three groups.
         let group = |g: usize| (2 * g + 1..clips.len()).step_by(2 * MOST_FOLDS).collect();

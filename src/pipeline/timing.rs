@@ -25,7 +25,7 @@ pub(super) fn evaluate(model: &Model, dataset: &Dataset) -> Result<EvaluationTim
     let layout = &dataset.header().layout;
     let parameters = encoding::parameters(model, dataset)?;
     let parameters = &parameters[..model.header().parameters()];
-    let mut out = vec![0.0; layout.points * layout.row()];
+    let mut out = vec![0.0; layout.points * model.header().width()];
     let all_us = if model.needs_surface() {
         let surface = super::job_of(dataset)?.surface(0);
         let input = PosedInput {

@@ -5,11 +5,14 @@
 //! that shares its factorisations costs as many times less as there are fewer points. What is
 //! found here is an estimate: whoever decides fits the best candidates to all points.
 
+mod importance;
+
 use std::hint::black_box;
 use std::time::Instant;
 
 use super::candidates::CandidateRecipe;
-use super::fit::{Assembled, assemble, fit_sizes, geometry, settings_for};
+use super::fit::{Assembled, assemble, fit_sizes, geometry, order_kept, settings_for};
+use super::measure::evaluate_widened;
 use super::recipe::{FamilyName, OnName, ParametrisationName, Recipe};
 use super::tradeoff::{mesh_percent, point};
 use super::{Error, FittedModel, Job, PointSurface, encoding};
@@ -38,6 +41,14 @@ struct Encoding {
     parameters: Vec<f32>,
     names: Vec<String>,
     rig: RigHeader,
+}
+
+impl Encoding {
+    /// The parameters of a training pose.
+    fn of(&self, pose: usize) -> &[f32] {
+        let width = self.names.len();
+        &self.parameters[pose * width..(pose + 1) * width]
+    }
 }
 
 /// The data that candidates are tried on.
@@ -154,23 +165,24 @@ impl<'a> Workbench<'a> {
         self.ratio > 1.0
     }
 
+    /// All training poses.
+    fn training(&self, encoding: &Encoding) -> Training<'static> {
+        let whole = Training::in_memory(TrainingParts {
+            parameters: encoding.parameters.clone(),
+            parameter_names: encoding.names.clone(),
+            ..self.base.clone()
+        });
+        match &self.skin {
+            Some(skin) => whole.with_skin(skin.clone()),
+            None => whole,
+        }
+    }
+
     /// Everything but some poses, by their indices among the training poses.
     pub(super) fn without(&'a self, left_out: &[usize]) -> Bench<'a> {
         let keep: Vec<usize> =
             (0..self.poses.len()).filter(|pose| !left_out.contains(pose)).collect();
-        let training = |encoding: &Encoding| {
-            let whole = Training::in_memory(TrainingParts {
-                parameters: encoding.parameters.clone(),
-                parameter_names: encoding.names.clone(),
-                ..self.base.clone()
-            });
-            let part = whole.only(&keep);
-            match &self.skin {
-                Some(skin) => part.with_skin(skin.clone()),
-                None => part,
-            }
-        };
-        let trainings = self.encodings.iter().map(training).collect();
+        let trainings = self.encodings.iter().map(|e| self.training(e).only(&keep)).collect();
         let shared = Shared::new(self.largest);
         Bench { bench: self, keep, left_out: left_out.to_vec(), trainings, shared }
     }
@@ -179,7 +191,12 @@ impl<'a> Workbench<'a> {
 impl Bench<'_> {
     /// A candidate in every precision, and with every reach.
     pub(super) fn try_out(&self, candidate: &CandidateRecipe) -> Result<Tried, Error> {
-        let (fitted, encoding) = self.fit(&candidate.recipe)?;
+        let own = self.lessened(&candidate.recipe)?;
+        let (encoding, training) = match &own {
+            Some((encoding, training)) => (encoding, training),
+            None => self.encoded(&candidate.recipe)?,
+        };
+        let fitted = self.fit(&candidate.recipe, encoding, training)?;
         let evaluate_us = self.time(&fitted.model, encoding)? * self.bench.ratio;
         let (mut points, mut models) = (Vec::new(), Vec::new());
         for &precision in Precision::ALL {
@@ -200,7 +217,42 @@ impl Bench<'_> {
         Ok(Tried { points, squares: all[..count].to_vec(), held })
     }
 
-    fn fit(&self, recipe: &Recipe) -> Result<(FittedModel, &Encoding), Error> {
+    /// Coefficients of a channel in the data.
+    pub(super) fn coefficients(&self) -> usize {
+        self.bench.base.coefficients
+    }
+
+    /// The parametrisation that a recipe asks for.
+    fn encoded(&self, recipe: &Recipe) -> Result<(&Encoding, &Training<'static>), Error> {
+        let asked = recipe.fit.parametrisation.unwrap_or(self.bench.stored);
+        let which = self.bench.encodings.iter().position(|encoding| encoding.name == asked);
+        let which = which.ok_or(Error::NothingToChoose)?;
+        Ok((&self.bench.encodings[which], &self.trainings[which]))
+    }
+
+    /// The same where the recipe leaves parameters or bands out.
+    fn lessened(&self, recipe: &Recipe) -> Result<Option<(Encoding, Training<'static>)>, Error> {
+        if recipe.fit.without.is_empty() && recipe.fit.bands.is_none() {
+            return Ok(None);
+        }
+        let (encoding, _) = self.encoded(recipe)?;
+        let (whole, rig) =
+            encoding::lessened(self.bench.training(encoding), encoding.rig.clone(), &recipe.fit)?;
+        let lessened = Encoding {
+            name: encoding.name,
+            parameters: whole.parameters().to_vec(),
+            names: whole.parameter_names().to_vec(),
+            rig,
+        };
+        Ok(Some((lessened, whole.only(&self.keep))))
+    }
+
+    fn fit(
+        &self,
+        recipe: &Recipe,
+        encoding: &Encoding,
+        training: &Training<'static>,
+    ) -> Result<FittedModel, Error> {
         let bench = self.bench;
         let mut recipe = recipe.clone();
         // Shares of the points stay shares.
@@ -208,10 +260,6 @@ impl Bench<'_> {
             .fit
             .point_clusters
             .map(|count| ((f64::from(count) / bench.ratio).round() as u32).max(1));
-        let asked = recipe.fit.parametrisation.unwrap_or(bench.stored);
-        let which = bench.encodings.iter().position(|encoding| encoding.name == asked);
-        let which = which.ok_or(Error::NothingToChoose)?;
-        let (encoding, training) = (&bench.encodings[which], &self.trainings[which]);
         let (checked, mut settings) = settings_for(bench.dataset, &recipe)?;
         settings.steps = settings.steps.min(STEPS);
         let looks = settings.unshadowed || settings.spheres.is_some();
@@ -219,9 +267,13 @@ impl Bench<'_> {
         let mut geometry = job.map(|job| geometry(job, &[]));
         if let Some(geometry) = &mut geometry {
             geometry.poses = self.keep.iter().map(|&i| geometry.poses[i]).collect();
+            geometry.order = order_kept(bench.dataset, &recipe).unwrap_or(geometry.order);
         }
         let start = Instant::now();
-        let fitted = fit_sizes(training, settings, &recipe, geometry.as_ref(), &self.shared)?;
+        // What others share is of all coefficients.
+        let own = Shared::new(bench.largest);
+        let shared = if recipe.fit.bands.is_some() { &own } else { &self.shared };
+        let fitted = fit_sizes(training, settings, &recipe, geometry.as_ref(), shared)?;
         let fit_s = start.elapsed().as_secs_f64() * bench.ratio;
         let assembled = Assembled {
             rig: encoding.rig.clone(),
@@ -231,7 +283,7 @@ impl Bench<'_> {
         };
         let report = fitted.report.clone();
         let model = assemble(bench.dataset, &recipe, (&checked, settings), fitted, assembled)?;
-        Ok((FittedModel { model, report, fit_s }, encoding))
+        Ok(FittedModel { model, report, fit_s })
     }
 
     fn time(&self, model: &Model, encoding: &Encoding) -> Result<f64, Error> {
@@ -252,14 +304,24 @@ impl Bench<'_> {
         pose: usize,
         out: &mut [f32],
     ) -> Result<(), Error> {
-        let (base, a) = (&self.bench.base, encoding.names.len());
+        self.predict_at(model, encoding.of(pose), pose, out)
+    }
+
+    fn predict_at(
+        &self,
+        model: &Model,
+        parameters: &[f32],
+        pose: usize,
+        out: &mut [f32],
+    ) -> Result<(), Error> {
+        let base = &self.bench.base;
         let surface = self.bench.posed.as_ref().map(|(_, surfaces)| surfaces[pose].as_surface());
         let input = PosedInput {
-            parameters: &encoding.parameters[pose * a..(pose + 1) * a],
+            parameters,
             bone_rotations: &base.bone_rotations[pose * base.bones..(pose + 1) * base.bones],
             surface,
         };
-        Ok(model.evaluate_posed(&input, out)?)
+        evaluate_widened(model, &input, base.coefficients, out)
     }
 
     /// Less the noise of the data.

@@ -77,6 +77,9 @@ fn choose(
     let Confirmed { found, figures, met, .. } = &chosen;
     let remedy = (!met).then(|| found.shares.remedy());
     let mut text = format!("{}\n{}", args.output.display(), story(&chosen));
+    if let Some(trimmed) = &chosen.trimmed {
+        text += &format!("\n  {}", trimmed.story());
+    }
     if let Some(remedy) = &remedy {
         text += &format!("\n  the target is not met; what would help most: {}", remedy.advice());
     }
@@ -88,6 +91,7 @@ fn choose(
         "left_out": found.left_out,
         "shares": found.shares,
         "remedy": remedy,
+        "trimmed": chosen.trimmed,
         "search_s": found.search_s,
         "points": found.points,
         "estimates": found.estimates,

@@ -79,6 +79,13 @@ pub struct FitRecipe {
     /// so that joint rotations are enough to evaluate it, over HTTP for one.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub include_rest: bool,
+    /// Names of pose parameters that the model does without; a choice by target finds its own.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub without: Vec<String>,
+    /// Bands of the harmonics that the model keeps, 1 to the order of the bake; those above count as
+    /// 0. All when absent; a choice by target finds its own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bands: Option<u8>,
     /// The frame in which coefficients are modelled.
     pub frame: FrameName,
     /// How the regularisation is chosen.
@@ -109,6 +116,8 @@ impl Default for FitRecipe {
             groups: None,
             reach: None,
             include_rest: false,
+            without: Vec::new(),
+            bands: None,
             frame: FrameName::Bone,
             ridge: RidgeName::LeaveOneClipOut,
             alpha: None,
