@@ -272,7 +272,7 @@ pub fn fit_mean(dataset: &Dataset, recipe: &Recipe) -> Result<Model, Error> {
     let mut recipe = recipe.clone();
     recipe.fit.family = super::recipe::FamilyName::Mean;
     recipe.fit.unshadowed = None;
-    (recipe.fit.without, recipe.fit.bands) = (Vec::new(), None);
+    recipe.fit.bands = None;
     Ok(fit(dataset, &recipe)?.model)
 }
 
