@@ -3,7 +3,8 @@
 usage: occlusion.py MESH.obj [POSELIGHT] [RAYS_PER_VERTEX]
 Every peer gets the same rays: from each vertex, cosine-weighted about its normal, vertex by vertex
 as its users would call it, and once more with the directions of each vertex sorted by octant and
-azimuth, as poselight sorts them. A peer that is not installed is skipped, and said so. Rates are of
+azimuth, as poselight sorts them. Blender (Cycles, on the path as `blender`) bakes ambient occlusion to the
+vertices with as many samples of its own. A peer that is not installed is skipped, and said so. Rates are of
 one run on one machine, so only their ratios mean something.
 """
 
@@ -109,6 +110,39 @@ def embreex(positions, faces):
     return run
 
 
+BLENDER = """
+import sys, time
+import bpy
+
+path, samples = sys.argv[-2:]
+bpy.ops.wm.read_factory_settings(use_empty=True)
+bpy.ops.wm.obj_import(filepath=path)
+mesh = bpy.context.selected_objects[0]
+bpy.context.view_layer.objects.active = mesh
+mesh.data.color_attributes.new("ao", "FLOAT_COLOR", "POINT")
+scene = bpy.context.scene
+scene.world = bpy.data.worlds.new("world")
+scene.world.light_settings.distance = 1e6
+scene.render.engine = "CYCLES"
+scene.cycles.samples = int(samples)
+scene.cycles.use_adaptive_sampling = False
+scene.render.bake.target = "VERTEX_COLORS"
+start = time.perf_counter()
+bpy.ops.object.bake(type="AO")
+seconds = time.perf_counter() - start
+values = [c.color[0] for c in mesh.data.color_attributes["ao"].data]
+print("baked", len(values), seconds, sum(values) / len(values))
+"""
+
+
+def blender():
+    """Samples per second and mean of a bake of ambient occlusion to vertices by Cycles."""
+    script = ["--background", "--factory-startup", "--python-expr", BLENDER, "--", mesh, str(per_vertex)]
+    out = subprocess.run(["blender", *script], capture_output=True, check=True, text=True).stdout
+    words = [line.split() for line in out.splitlines() if line.startswith("baked ")][-1]
+    return int(words[1]) * per_vertex / float(words[2]), float(words[3])
+
+
 def own():
     """Rays per second of a bake, sorting and harmonics included."""
     with tempfile.TemporaryDirectory() as folder:
@@ -127,8 +161,8 @@ except (OSError, subprocess.CalledProcessError) as fault:
 for name, make in [("mitsuba", mitsuba), ("open3d", open3d), ("embreex", embreex)]:
     try:
         run = make(positions, faces)
-    except ImportError:
-        print(f"skipped: {name} is not installed")
+    except ImportError as fault:
+        print(f"skipped: {name} is not installed ({fault})")
         continue
     for ordered in (False, True):
         origins, directions = rays(positions, faces, ordered)
@@ -139,3 +173,10 @@ for name, make in [("mitsuba", mitsuba), ("open3d", open3d), ("embreex", embreex
             best = min(best, time.perf_counter() - start)
         kind = "sorted" if ordered else "as drawn"
         print(f"| {name} | {kind} | {len(origins) / best / 1e6:.2f} | {blocked / len(origins):.4f} |")
+try:
+    rate, mean = blender()
+    print(f"| blender, Cycles to vertices | its own | {rate / 1e6:.3f} | {1 - mean:.4f} |")
+except FileNotFoundError:
+    print("skipped: blender is not installed")
+except (subprocess.CalledProcessError, IndexError) as fault:
+    print(f"skipped: blender did not bake ({fault})")

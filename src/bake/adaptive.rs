@@ -1,8 +1,9 @@
 //! As many rays at each point as a stated noise takes.
 //!
-//! A pilot of few rays at every point counts how much outline there is to miss ([`super::allocate`]);
-//! what that is worth in rays is traced *with fresh rays* and merged with the pilot by fixed weights.
-//! What was spent on the pilot is counted.
+//! Scouts, some of the points, trace a pilot that counts how much outline there is to miss
+//! ([`super::allocate`]). What that is worth in rays is traced *with fresh rays* and merged with the pilot
+//! by fixed weights; then all other points trace what the scouts beside them found worth while.
+//! What was spent on pilots is counted.
 //!
 //! *Invariant:* given the numbers of rays, the estimate is a mean of bakes of so many rays, and at no
 //! point do the numbers depend on the rays of its own estimate; so it has no bias. (An estimate
@@ -12,7 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
-use super::allocate::{Allocation, Level};
+use super::allocate::{Allocation, Evidence, Level};
 use super::kernel::{Scratch, bake_blocks, bake_point};
 use super::plan::Plan;
 use super::posed::{Posed, Stage};
@@ -28,7 +29,7 @@ pub(super) const PILOT_RAYS: u32 = 16;
 const RATE: f64 = 0.7;
 
 /// Rays of the sets to choose from; above the last, several of those.
-const LADDER: [u32; 14] = [16, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, 1536, 2048];
+const LADDER: [u32; 15] = [8, 16, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, 1536, 2048];
 
 /// Tells the pilot's random numbers from the estimate's.
 const PILOT_KEY: u64 = 0x0070_696c_6f74;
@@ -53,8 +54,20 @@ pub(super) struct Adaptive {
     allocation: Allocation,
 }
 
-/// Points that one task bakes: the first, and their outputs, which hold the pilot's.
-type Task<'a> = (usize, &'a mut [f32], &'a mut [f32]);
+/// Points that one task bakes: the first, and their outputs, which hold the pilots'.
+struct Task<'a> {
+    first: usize,
+    coefficients: &'a mut [f32],
+    noise: &'a mut [f32],
+    evidence: &'a mut [Evidence],
+}
+
+/// A pose at work, and what is known of its outlines.
+struct State {
+    baked: BakedPose,
+    evidence: Vec<Evidence>,
+    price: Option<f64>,
+}
 
 impl Adaptive {
     /// Tables for every number of rays up to `settings.rays`.
@@ -85,61 +98,110 @@ impl Adaptive {
 
     /// Bakes a pose.
     pub(super) fn bake(&self, posed: &Posed, cancelled: &AtomicBool) -> Result<BakedPose, Error> {
-        let (mut baked, levels) = self.explore(posed, cancelled)?;
-        let count = self.pilot.coefficients;
-        let tasks = self.tasks(&levels, &mut baked.coefficients, &mut baked.noise);
-        tasks.into_par_iter().with_max_len(1).try_for_each_init(
-            || self.plans.iter().map(|_| None).collect::<Vec<Option<Scratch>>>(),
-            |scratches, (first, coefficients, noise)| {
+        self.bake_levels(posed, cancelled).map(|(pose, _)| pose)
+    }
+
+    /// The same with the level of every point.
+    pub(super) fn bake_levels(
+        &self,
+        posed: &Posed,
+        cancelled: &AtomicBool,
+    ) -> Result<(BakedPose, Vec<Level>), Error> {
+        let mut state = self.explore(posed, cancelled)?;
+        let mut all = self.levels(&state, true);
+        self.follow(posed, &all, &mut state, cancelled)?;
+        let others = self.levels(&state, false);
+        self.follow(posed, &others, &mut state, cancelled)?;
+        for (point, other) in others.into_iter().enumerate() {
+            if !self.allocation.is_scout(point) {
+                all[point] = other;
+            }
+        }
+        Ok((state.baked, all))
+    }
+
+    /// The plan of a level's rays, its number, and how many blocks of it; the pilot's, number 0, where
+    /// there are no others.
+    pub(super) fn plan_of(&self, level: &Level) -> (usize, &Plan, usize) {
+        match level.blocks {
+            0 => (0, &self.pilot, self.pilot.blocks),
+            blocks => (1 + level.plan, &self.plans[level.plan], blocks),
+        }
+    }
+
+    /// The level of every scout, or of every other point; nothing for the rest.
+    fn levels(&self, state: &State, scouts: bool) -> Vec<Level> {
+        let of = |point: usize| {
+            if self.allocation.is_scout(point) == scouts {
+                self.allocation.choose(point, state.price, &state.evidence)
+            } else {
+                Level::NONE
+            }
+        };
+        (0..state.evidence.len()).map(of).collect()
+    }
+
+    /// The pilot of every scout.
+    fn explore(&self, posed: &Posed, cancelled: &AtomicBool) -> Result<State, Error> {
+        let (points, count) = (posed.normals.len(), self.pilot.coefficients);
+        let (mut coefficients, mut noise) = (vec![0.0; points * count], vec![0.0; points]);
+        let mut evidence = vec![Evidence::default(); points];
+        let outputs = coefficients.par_chunks_mut(PILOT_POINTS * count);
+        let outputs = outputs.zip(noise.par_chunks_mut(PILOT_POINTS));
+        outputs.zip(evidence.par_chunks_mut(PILOT_POINTS)).enumerate().try_for_each_init(
+            || Scratch::new(&self.pilot),
+            |scratch, (task, ((out, noise), evidence))| {
                 check(cancelled)?;
-                let outputs = coefficients.chunks_exact_mut(count).zip(noise);
-                for ((level, point), (out, noise)) in
-                    levels[first..].iter().zip(first..).zip(outputs)
-                {
-                    if level.blocks > 0 {
-                        let plan = &self.plans[level.plan];
-                        let scratch =
-                            scratches[level.plan].get_or_insert_with(|| Scratch::new(plan));
-                        self.refine(posed, (point, level), scratch, out, noise);
+                let outputs = out.chunks_exact_mut(count).zip(noise).zip(evidence);
+                for (point, ((out, noise), evidence)) in (task * PILOT_POINTS..).zip(outputs) {
+                    if self.allocation.is_scout(point) {
+                        *noise = bake_point(&self.pilot, posed, point, scratch, None, out);
+                        *evidence = Evidence { crossings: f64::from(scratch.crossed), units: 1.0 };
                     }
                 }
                 Ok(())
             },
         )?;
-        Ok(baked)
+        let pilot = |point| {
+            if self.allocation.is_scout(point) { self.pilot.rays() as u32 } else { 0 }
+        };
+        let baked = BakedPose { coefficients, noise, rays: (0..points).map(pilot).collect() };
+        let price = self.allocation.price(&evidence);
+        Ok(State { baked, evidence, price })
     }
 
-    /// The pilot at every point, and the level that each is worth; its rays are counted already.
-    fn explore(
+    /// Traces what the levels say.
+    fn follow(
         &self,
         posed: &Posed,
+        levels: &[Level],
+        State { baked, evidence, .. }: &mut State,
         cancelled: &AtomicBool,
-    ) -> Result<(BakedPose, Vec<Level>), Error> {
-        let (points, count) = (posed.normals.len(), self.pilot.coefficients);
-        let (mut coefficients, mut noise) = (vec![0.0; points * count], vec![0.0; points]);
-        let mut crossings = vec![0.0; points];
-        let outputs = coefficients.par_chunks_mut(PILOT_POINTS * count);
-        let outputs = outputs.zip(noise.par_chunks_mut(PILOT_POINTS));
-        outputs.zip(crossings.par_chunks_mut(PILOT_POINTS)).enumerate().try_for_each_init(
-            || Scratch::new(&self.pilot),
-            |scratch, (task, ((out, noise), crossings))| {
+    ) -> Result<(), Error> {
+        baked.rays.iter_mut().zip(levels).for_each(|(rays, level)| *rays += level.rays as u32);
+        let tasks = self.tasks(levels, &mut baked.coefficients, &mut baked.noise, evidence);
+        tasks.into_par_iter().with_max_len(1).try_for_each_init(
+            || self.plans.iter().map(|_| None).collect::<Vec<Option<Scratch>>>(),
+            |scratches, task| {
                 check(cancelled)?;
-                let outputs = out.chunks_exact_mut(count).zip(noise).zip(crossings);
-                for (point, ((out, noise), crossings)) in (task * PILOT_POINTS..).zip(outputs) {
-                    *noise = bake_point(&self.pilot, posed, point, scratch, None, out);
-                    *crossings = scratch.crossed;
+                let outputs = task.coefficients.chunks_exact_mut(self.pilot.coefficients);
+                let outputs = outputs.zip(task.noise).zip(task.evidence);
+                for (point, ((out, noise), evidence)) in (task.first..).zip(outputs) {
+                    let level = &levels[point];
+                    if level.blocks > 0 {
+                        let plan = &self.plans[level.plan];
+                        let scratch =
+                            scratches[level.plan].get_or_insert_with(|| Scratch::new(plan));
+                        self.refine(posed, (point, level), scratch, out, noise);
+                        evidence.add(scratch.crossed, level);
+                    }
                 }
                 Ok(())
             },
-        )?;
-        let levels = self.allocation.choose(&crossings);
-        let levels: Vec<Level> = levels.into_iter().map(|l| self.allocation.levels[l]).collect();
-        let pilot = self.pilot.rays();
-        let rays = levels.iter().map(|level| (pilot + level.rays) as u32).collect();
-        Ok((BakedPose { coefficients, noise, rays }, levels))
+        )
     }
 
-    /// Merges the rays of a level into a point's pilot.
+    /// Merges the rays of a level into what a point has.
     fn refine(
         &self,
         posed: &Posed,
@@ -151,18 +213,20 @@ impl Adaptive {
         let fresh = &mut [0.0; MAX_COEFFICIENTS][..out.len()];
         let plan = &self.plans[level.plan];
         let found = bake_blocks(plan, posed, (point, level.blocks), scratch, None, fresh);
-        let weight = if self.allocation.is_alone(point) { 1.0 } else { level.weight };
+        let weight = level.weight;
         for (out, fresh) in out.iter_mut().zip(fresh) {
-            *out += weight * (*fresh - *out);
+            *out = (1.0 - weight) * *out + weight * *fresh;
         }
         *noise = f32::hypot(weight * found, (1.0 - weight) * *noise);
     }
 
-    /// The mean number of rays over the points of a pose, from its pilot alone.
+    /// The mean number of rays over the points of a pose, from its pilots alone.
     pub(super) fn rays_per_point(&self, posed: &Posed) -> Result<f64, Error> {
-        let (baked, _) = self.explore(posed, &AtomicBool::new(false))?;
-        let rays = baked.rays.iter().map(|&rays| f64::from(rays)).sum::<f64>();
-        Ok(rays / baked.rays.len().max(1) as f64)
+        let state = self.explore(posed, &AtomicBool::new(false))?;
+        let pilots = state.baked.rays.iter().map(|&rays| f64::from(rays)).sum::<f64>();
+        let levels = [true, false].map(|scouts| self.levels(&state, scouts));
+        let rays = levels.iter().flatten().map(|level| level.rays as f64).sum::<f64>();
+        Ok((pilots + rays) / state.evidence.len().max(1) as f64)
     }
 
     pub(super) fn memory_bytes(&self) -> u64 {
@@ -176,6 +240,7 @@ impl Adaptive {
         levels: &[Level],
         mut coefficients: &'a mut [f32],
         mut noise: &'a mut [f32],
+        mut evidence: &'a mut [Evidence],
     ) -> Vec<Task<'a>> {
         let (mut tasks, mut first) = (Vec::new(), 0);
         while first < levels.len() {
@@ -188,8 +253,9 @@ impl Adaptive {
             let points = more.count();
             let (own, later) = coefficients.split_at_mut(points * self.pilot.coefficients);
             let (own_noise, later_noise) = noise.split_at_mut(points);
-            tasks.push((first, own, own_noise));
-            (coefficients, noise) = (later, later_noise);
+            let (own_evidence, later_evidence) = evidence.split_at_mut(points);
+            tasks.push(Task { first, coefficients: own, noise: own_noise, evidence: own_evidence });
+            (coefficients, noise, evidence) = (later, later_noise, later_evidence);
             first += points;
         }
         tasks

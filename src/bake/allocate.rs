@@ -7,15 +7,18 @@
 //! estimated from a difference of two batches, which for a single number would scatter by its own size.
 //! g is measured on the direction sets themselves, with caps of random size and place as blockers.
 //!
-//! ℓ is counted in a *pilot* at the neighbours of a point, not at the point itself: so the point's
-//! own pilot is independent of the number of rays that it leads to and stays part of the estimate,
-//! and many a point needs nothing else. With the goal [`NoiseGoal::Each`] the cheapest number of
+//! ℓ is counted at other points than the one whose number of rays it decides. *Scouts* are points of
+//! which no two are neighbours and of which every other point has one beside it, a quarter to a third of
+//! a mesh. They trace a pilot, choose by the pilots of the scouts two edges away, and go on; all other
+//! points choose by everything that the scouts up to two edges away traced, and need no pilot. So a scout's pilot
+//! is independent of the number of rays that it leads to and stays part of its estimate.
+//! With the goal [`NoiseGoal::Each`] the cheapest number of
 //! rays under the target is chosen at each point alone. With [`NoiseGoal::Mean`] the least rays in
 //! all give the target as root mean square over the pose: n ∝ (gain per ray equal everywhere), the
 //! optimum of Neyman for errors that fall faster than those of random rays.
 //!
 //! *Invariant:* a point's number of rays does not depend on rays of its own estimate (with the goal
-//! `Mean` it does by one part in the number of points, through the common price of a ray).
+//! `Mean` it does by one part in the number of scouts, through the common price of a ray).
 
 use std::f64::consts::TAU;
 
@@ -27,13 +30,13 @@ use super::{Noise, NoiseGoal};
 use crate::num::random::{hash, unit};
 use crate::sh::MAX_COEFFICIENTS;
 
-/// Crossings of the outline that the neighbours' pilots together may have missed: where they all
-/// see the open sky, a point may still see an edge. Chosen for the least rays on three characters.
-const HIDDEN: f64 = 1.0;
+/// Crossings of the outline that the scouts around a point may have missed, all together: where they
+/// all see the open sky, the point may still see an edge. Chosen for the least rays on three characters.
+const HIDDEN: f64 = 0.5;
 
 /// What is aimed at, of a target that is a mean: neighbours' outlines scatter, and a point that is
 /// thought of too little of adds more than one that is thought of too much of saves.
-const AIM: f64 = 0.92;
+const AIM: f64 = 0.88;
 
 /// Batches that g is measured by, over caps and coefficients together.
 const CAP_BATCHES: usize = 4096;
@@ -41,32 +44,66 @@ const CAP_BATCHES: usize = 4096;
 /// Tells the caps' random numbers from others.
 const CAP_KEY: u64 = 0x63_6170;
 
-/// A number of rays to choose: blocks of a plan's sets on top of the pilot, or none.
+/// A number of rays to choose: blocks of a plan's sets, on top of a scout's pilot or alone.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Level {
     /// Index into the plans.
     pub(super) plan: usize,
     /// How many blocks of that plan's sets; 0 leaves the pilot alone.
     pub(super) blocks: usize,
-    /// Rays on top of the pilot.
+    /// Rays of the blocks.
     pub(super) rays: usize,
-    /// The weight of these rays beside the pilot's, inverse to the variances.
+    /// The weight of these rays beside the pilot's, inverse to the variances; 1 where there is none.
     pub(super) weight: f32,
-    /// Variance of a coefficient for one crossing in the pilot, pilot included.
+    /// How many crossings they meet where a pilot meets one.
+    units: f64,
+    /// Variance of a coefficient for one crossing in a pilot, that pilot included.
     variance: f64,
+}
+
+impl Level {
+    /// No rays at all.
+    pub(super) const NONE: Self =
+        Self { plan: 0, blocks: 0, rays: 0, weight: 0.0, units: 0.0, variance: 0.0 };
+}
+
+/// Levels from the cheapest to the dearest.
+#[derive(Debug)]
+struct Levels {
+    all: Vec<Level>,
+    /// Those that are the cheapest for some outline, and the outline over the price of a ray
+    /// from which each is.
+    hull: Vec<(usize, f64)>,
+}
+
+/// What rays at a scout say of its outline.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Evidence {
+    pub(super) crossings: f64,
+    /// In pilots.
+    pub(super) units: f64,
+}
+
+impl Evidence {
+    /// With what the rays of a level met.
+    pub(super) fn add(&mut self, crossings: f32, level: &Level) {
+        self.crossings += f64::from(crossings);
+        self.units += level.units;
+    }
 }
 
 /// Levels to choose from, and what chooses.
 #[derive(Debug)]
 pub(super) struct Allocation {
     noise: Noise,
-    pub(super) levels: Vec<Level>,
-    /// The levels that are the cheapest for some outline, and the outline over the price of a ray
-    /// from which each is.
-    hull: Vec<(usize, f64)>,
-    /// `neighbours[starts[p]..starts[p + 1]]` are the points that share an edge with point p.
+    /// On top of a pilot.
+    scouts: Levels,
+    /// Where there is none.
+    others: Levels,
+    is_scout: Vec<bool>,
+    /// `near[starts[p]..starts[p + 1]]` are the scouts that point p goes by, itself not among them.
     starts: Vec<u32>,
-    neighbours: Vec<u32>,
+    near: Vec<u32>,
 }
 
 impl Allocation {
@@ -78,107 +115,59 @@ impl Allocation {
         most_rays: usize,
         stage: &Stage,
     ) -> Self {
-        let crossings = Trial::of(pilot).crossings;
-        let variance = |plan: &Plan| Trial::of(plan).variance / crossings;
-        let of_pilot = variance(pilot);
-        let level = |plan: usize, blocks: usize, own: f64| {
-            let weight = of_pilot / (own + of_pilot);
+        let of_pilot = Trial::of(pilot);
+        let trials: Vec<Trial> = plans.iter().map(Trial::of).collect();
+        let level = |plan: usize, blocks: usize, with: bool| {
+            let (blocks_f, trial) = (blocks as f64, &trials[plan]);
+            // Blocks are independent of one another: their mean gains by the root of their number.
+            let own = trial.variance * plans[plan].blocks as f64 / blocks_f / of_pilot.crossings;
+            let pilot = of_pilot.variance / of_pilot.crossings;
+            let weight = if with { pilot / (own + pilot) } else { 1.0 };
             Level {
                 plan,
                 blocks,
                 rays: blocks * plans[plan].directions.directions(),
                 weight: weight as f32,
+                units: trial.crossings * blocks_f / of_pilot.crossings,
                 variance: own * weight,
             }
         };
-        let none = Level { plan: 0, blocks: 0, rays: 0, weight: 0.0, variance: of_pilot };
-        let mut levels = vec![none];
-        for (index, plan) in plans.iter().enumerate() {
-            levels.push(level(index, plan.blocks, variance(plan)));
-        }
         let last = plans.len() - 1;
-        let (block, own) = (plans[last].directions.directions(), variance(&plans[last]));
-        let most = (most_rays / block).max(1);
-        // Blocks are independent of one another: their mean gains by the root of their number.
+        let most = (most_rays / plans[last].directions.directions()).max(1);
         let steps = (1..).flat_map(|power| [1_usize << power, 3 << (power - 1)]);
         let mut steps: Vec<usize> = steps.take_while(|&blocks| blocks < most).collect();
         steps.extend((most > 1).then_some(most));
-        levels.extend(steps.into_iter().map(|n| level(last, n, own / n as f64)));
-        let (starts, neighbours) = adjacency(stage);
-        Self { noise, hull: hull(&levels), levels, starts, neighbours }
-    }
-
-    /// The level of each point from the crossings that its pilot met.
-    pub(super) fn choose(&self, crossings: &[f32]) -> Vec<usize> {
-        let lengths: Vec<f64> =
-            (0..crossings.len()).map(|point| self.length(point, crossings)).collect();
-        let aim = if self.noise.goal == NoiseGoal::Mean { AIM } else { 1.0 };
-        let square = (aim * f64::from(self.noise.target)).powi(2);
-        let mut levels: Vec<usize> = match self.noise.goal {
-            NoiseGoal::Each => lengths.iter().map(|&length| self.under(length, square)).collect(),
-            NoiseGoal::Mean => {
-                let price = self.price(&lengths, square);
-                lengths.iter().map(|&length| self.at_price(length, price)).collect()
-            }
+        let table = |with: bool| {
+            let sets = plans.iter().enumerate().map(|(plan, of)| level(plan, of.blocks, with));
+            sets.chain(steps.iter().map(|&blocks| level(last, blocks, with))).collect::<Vec<_>>()
         };
-        for (point, level) in levels.iter_mut().enumerate() {
-            if self.is_alone(point) {
-                *level = (*level).max(1);
-            }
+        let mut scouts = table(true);
+        let variance = of_pilot.variance / of_pilot.crossings;
+        scouts.insert(0, Level { variance, ..Level::NONE });
+        let (is_scout, starts, near) = scouting(stage);
+        let (scouts, others) = (Levels::new(scouts), Levels::new(table(false)));
+        Self { noise, scouts, others, is_scout, starts, near }
+    }
+
+    /// Whether a point traces a pilot.
+    pub(super) fn is_scout(&self, point: usize) -> bool {
+        self.is_scout[point]
+    }
+
+    /// The price of a ray, from the pilots of the scouts; nothing where each point has its own target.
+    pub(super) fn price(&self, evidence: &[Evidence]) -> Option<f64> {
+        if self.noise.goal == NoiseGoal::Each {
+            return None;
         }
-        levels
-    }
-
-    /// A point without neighbours chooses by its own pilot, which then is no part of its estimate.
-    pub(super) fn is_alone(&self, point: usize) -> bool {
-        self.starts[point] == self.starts[point + 1]
-    }
-
-    pub(super) fn memory_bytes(&self) -> u64 {
-        4 * (self.starts.len() + self.neighbours.len()) as u64
-    }
-
-    /// Mean crossings around a point.
-    fn length(&self, point: usize, crossings: &[f32]) -> f64 {
-        let range = self.starts[point] as usize..self.starts[point + 1] as usize;
-        if range.is_empty() {
-            return f64::from(crossings[point]) + HIDDEN;
-        }
-        let count = range.len() as f64;
-        let around =
-            self.neighbours[range].iter().map(|&other| f64::from(crossings[other as usize]));
-        (around.sum::<f64>() + HIDDEN) / count
-    }
-
-    /// The cheapest level whose variance is at most `square`, or the dearest.
-    fn under(&self, length: f64, square: f64) -> usize {
-        let enough = self.levels.iter().position(|level| length * level.variance <= square);
-        enough.unwrap_or(self.levels.len() - 1)
-    }
-
-    /// The level with the least sum of variance and rays at a price.
-    fn at_price(&self, length: f64, price: f64) -> usize {
-        let worth = self.hull.partition_point(|&(_, from)| from * price < length);
-        self.hull[worth.saturating_sub(1)].0
-    }
-
-    /// The price of a ray at which the mean variance is `square`.
-    fn price(&self, lengths: &[f64], square: f64) -> f64 {
-        let mut sorted = lengths.to_vec();
-        sorted.sort_unstable_by(f64::total_cmp);
-        let mut sums = vec![0.0];
-        for length in &sorted {
-            sums.push(sums[sums.len() - 1] + length);
-        }
+        let square = (AIM * f64::from(self.noise.target)).powi(2);
+        let scouts = (0..evidence.len()).filter(|&point| self.is_scout[point]);
+        let mut lengths: Vec<f64> = scouts.map(|point| self.length(point, evidence)).collect();
+        lengths.sort_unstable_by(f64::total_cmp);
+        let share = lengths.len() as f64 / evidence.len().max(1) as f64;
         let mean = |price: f64| {
-            let mut sum = 0.0;
-            for (at, &(level, from)) in self.hull.iter().enumerate() {
-                let first = |from: f64| sorted.partition_point(|&length| length <= from * price);
-                let begin = if at == 0 { 0 } else { first(from) };
-                let end = self.hull.get(at + 1).map_or(sorted.len(), |&(_, next)| first(next));
-                sum += self.levels[level].variance * (sums[end] - sums[begin]);
-            }
-            sum / sorted.len().max(1) as f64
+            let [scouts, others] =
+                [&self.scouts, &self.others].map(|levels| levels.mean(&lengths, price));
+            share * scouts + (1.0 - share) * others
         };
         // Logarithms of prices: from nothing to what nobody pays.
         let (mut low, mut high) = (-100.0, 20.0);
@@ -186,7 +175,67 @@ impl Allocation {
             let middle = f64::midpoint(low, high);
             if mean(middle.exp()) > square { high = middle } else { low = middle }
         }
-        low.exp()
+        Some(low.exp())
+    }
+
+    /// The level of a point by what is known of the scouts that it goes by.
+    pub(super) fn choose(&self, point: usize, price: Option<f64>, evidence: &[Evidence]) -> Level {
+        let levels = if self.merges(point) { &self.scouts } else { &self.others };
+        let length = self.length(point, evidence);
+        let chosen = match price {
+            Some(price) => levels.at_price(length, price),
+            None => levels.under(length, f64::from(self.noise.target).powi(2)),
+        };
+        levels.all[chosen]
+    }
+
+    pub(super) fn memory_bytes(&self) -> u64 {
+        (4 * (self.starts.len() + self.near.len()) + self.is_scout.len()) as u64
+    }
+
+    /// Whether a point's pilot becomes part of its estimate: that of a scout that goes by others.
+    fn merges(&self, point: usize) -> bool {
+        self.is_scout[point] && !self.near_of(point).is_empty()
+    }
+
+    fn near_of(&self, point: usize) -> &[u32] {
+        &self.near[self.starts[point] as usize..self.starts[point + 1] as usize]
+    }
+
+    /// Crossings that a pilot would meet. A scout without others goes by its own pilot, which then is
+    /// no part of its estimate.
+    fn length(&self, point: usize, evidence: &[Evidence]) -> f64 {
+        let near = self.near_of(point);
+        let sum = near.iter().fold(Evidence::default(), |sum, &other| {
+            let Evidence { crossings, units } = evidence[other as usize];
+            Evidence { crossings: sum.crossings + crossings, units: sum.units + units }
+        });
+        let Evidence { crossings, units } = if near.is_empty() { evidence[point] } else { sum };
+        (crossings + HIDDEN) / units.max(1.0)
+    }
+}
+
+impl Levels {
+    fn new(all: Vec<Level>) -> Self {
+        Self { hull: hull(&all), all }
+    }
+
+    /// The cheapest whose variance is at most `square`, or the dearest.
+    fn under(&self, length: f64, square: f64) -> usize {
+        let enough = self.all.iter().position(|level| length * level.variance <= square);
+        enough.unwrap_or(self.all.len() - 1)
+    }
+
+    /// The one with the least sum of variance and rays at a price.
+    fn at_price(&self, length: f64, price: f64) -> usize {
+        let worth = self.hull.partition_point(|&(_, from)| from * price < length);
+        self.hull[worth.saturating_sub(1)].0
+    }
+
+    /// The mean variance over ascending lengths at a price.
+    fn mean(&self, lengths: &[f64], price: f64) -> f64 {
+        let of = |&length: &f64| length * self.all[self.at_price(length, price)].variance;
+        lengths.iter().map(of).sum::<f64>() / lengths.len().max(1) as f64
     }
 }
 
@@ -245,6 +294,30 @@ impl Trial {
         let variance = squares / (count as f64 * batches * plan.blocks as f64);
         Self { crossings: crossings / batches, variance }
     }
+}
+
+/// Which points are scouts, and by which of them each point goes: those up to two edges away.
+fn scouting(stage: &Stage) -> (Vec<bool>, Vec<u32>, Vec<u32>) {
+    let (edges, beside) = adjacency(stage);
+    let points = edges.len() - 1;
+    let around = |point: usize| &beside[edges[point] as usize..edges[point + 1] as usize];
+    let mut is_scout = vec![false; points];
+    for point in 0..points {
+        is_scout[point] = !around(point).iter().any(|&other| is_scout[other as usize]);
+    }
+    let (mut starts, mut near) = (vec![0], Vec::new());
+    let mut own = Vec::new();
+    for point in 0..points {
+        own.clear();
+        own.extend(around(point));
+        own.extend(around(point).iter().flat_map(|&other| around(other as usize)));
+        own.retain(|&other| is_scout[other as usize] && other as usize != point);
+        own.sort_unstable();
+        own.dedup();
+        near.extend_from_slice(&own);
+        starts.push(near.len() as u32);
+    }
+    (is_scout, starts, near)
 }
 
 /// Which points share an edge.

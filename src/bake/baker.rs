@@ -134,17 +134,15 @@ impl Baker {
     }
 
     /// The same with as many rays at each point as a noise takes, at most `settings.rays`, to which
-    /// a pilot of 16 adds.
+    /// a pilot of 16 adds at some. With bounces the target is that of the direct part, whose rays the
+    /// bounces share.
     /// `settings` are those of [`Self::new`]; call this last.
     ///
     /// # Errors
-    /// A target that is not positive, or bounces.
+    /// A target that is not positive, or a fit of vertices.
     pub fn to_noise(mut self, noise: Noise, settings: &Settings) -> Result<Self, Error> {
         if self.stage.fit.is_some() {
             return Err(Error::FitOf);
-        }
-        if self.reflectance.is_some() {
-            return Err(Error::NoiseOfBounces);
         }
         let falloff = self.plan.falloff;
         self.adaptive = Some(Adaptive::new(noise, settings, falloff, &self.stage)?);
@@ -222,10 +220,11 @@ impl Baker {
                 let traced = self.trace(posed, cancelled)?;
                 Ok(traced.into_iter().map(|pose| self.at_points(pose)).collect())
             }
-            (Some(adaptive), _) => {
+            (Some(adaptive), None) => {
                 posed.iter().map(|posed| adaptive.bake(posed, cancelled)).collect()
             }
-            (None, Some(reflectance)) => {
+            (adaptive, Some(reflectance)) => {
+                let adaptive = adaptive.as_ref();
                 let one = |(posed, mesh): (&Posed, &PosedMesh<'_>)| {
                     let normals = mesh.normals;
                     let bounces = Bounces {
@@ -234,6 +233,7 @@ impl Baker {
                         posed,
                         normals,
                         reflectance,
+                        adaptive,
                         most_row_bytes,
                         cancelled,
                     };

@@ -7,6 +7,9 @@
 //! points and are independent of one another, so a product of rows has the product's mean (but for
 //! rays that hit a triangle of their own point).
 //!
+//! With a target noise each point has the rays that its direct part is worth; its row is that of the
+//! rays that followed the pilot, or of the pilot alone where none did.
+//!
 //! What a ray hits from behind reflects nothing, also where the material is double-sided: a point
 //! has the transfer of its front only. Ground and occluders reflect nothing.
 //!
@@ -19,7 +22,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::kernel::{Scratch, bake_point};
+use super::adaptive::Adaptive;
+use super::allocate::Level;
+use super::kernel::{Scratch, bake_blocks, bake_point};
 use super::plan::Plan;
 use super::posed::{Posed, Stage};
 use super::seen::{Row, Sink};
@@ -78,28 +83,41 @@ pub(super) struct Bounces<'a> {
     /// Shading normals of the vertices, by which triangles know their front.
     pub(super) normals: &'a [Vec3],
     pub(super) reflectance: &'a Reflectance,
+    /// What decides the rays of each point, where that is a matter of noise.
+    pub(super) adaptive: Option<&'a Adaptive>,
     /// Up to which rows are kept.
     pub(super) most_row_bytes: u64,
     pub(super) cancelled: &'a AtomicBool,
 }
 
+/// The direct part of a pose and what its rays hit.
+struct Direct {
+    /// In every channel.
+    pose: BakedPose,
+    /// Empty where each pass traces anew.
+    rows: Vec<Row>,
+    /// Empty where all points have the plan's rays.
+    levels: Vec<Level>,
+}
+
+/// What one thread traces with: for each plan what it needs, once it is needed.
+type Tracers<'a> = Vec<Option<(Scratch, Sink<'a>)>>;
+
 impl Bounces<'_> {
     /// Bakes the pose.
     pub(super) fn bake(&self) -> Result<BakedPose, Error> {
-        let (points, count) = (self.posed.normals.len(), self.plan.coefficients);
-        let width = count * self.reflectance.channels;
-        let row_bytes = (points * self.plan.rays() * size_of::<super::seen::Seen>()) as u64;
-        let keeps = row_bytes <= self.most_row_bytes;
-        let mut direct = vec![0.0; points * width];
-        let mut noise = vec![0.0; points];
-        let mut rows: Vec<Row> = vec![Row::default(); if keeps { points } else { 0 }];
-        self.direct(&mut direct, &mut noise, &mut rows)?;
+        let traced = match self.adaptive {
+            Some(adaptive) => self.to_noise(adaptive)?,
+            None => self.uniform()?,
+        };
+        let Direct { pose: BakedPose { coefficients: direct, mut noise, rays }, rows, levels } =
+            traced;
         let mut sum = direct.clone();
         for bounce in 1..=self.reflectance.bounces {
             let last = bounce == self.reflectance.bounces;
             let mut next = direct.clone();
-            let mut gathered = if last { vec![0.0; points] } else { Vec::new() };
-            self.pass(&rows, &sum, &mut next, &mut gathered)?;
+            let mut gathered = if last { vec![0.0; noise.len()] } else { Vec::new() };
+            self.pass((&rows, &levels), &sum, &mut next, &mut gathered)?;
             for (noise, gathered) in noise.iter_mut().zip(gathered) {
                 // A blocked ray loses directly what it gathers: the sum of squares is more than
                 // the variance, never less.
@@ -107,8 +125,60 @@ impl Bounces<'_> {
             }
             sum = next;
         }
-        let rays = vec![self.plan.rays() as u32; points];
         Ok(BakedPose { coefficients: sum, noise, rays })
+    }
+
+    /// The same rays at every point.
+    fn uniform(&self) -> Result<Direct, Error> {
+        let (points, count) = (self.posed.normals.len(), self.plan.coefficients);
+        let mut coefficients = vec![0.0; points * count * self.reflectance.channels];
+        let mut noise = vec![0.0; points];
+        let keeps = self.keeps((points * self.plan.rays()) as u64);
+        let mut rows: Vec<Row> = vec![Row::default(); if keeps { points } else { 0 }];
+        self.direct(&mut coefficients, &mut noise, &mut rows)?;
+        let rays = vec![self.plan.rays() as u32; points];
+        Ok(Direct { pose: BakedPose { coefficients, noise, rays }, rows, levels: Vec::new() })
+    }
+
+    /// As many rays as the direct part is worth.
+    fn to_noise(&self, adaptive: &Adaptive) -> Result<Direct, Error> {
+        let (mut pose, levels) = adaptive.bake_levels(self.posed, self.cancelled)?;
+        let rays = pose.rays.iter().map(|&rays| u64::from(rays)).sum();
+        let points = (0..if self.keeps(rays) { levels.len() } else { 0 }).into_par_iter();
+        let rows = points.with_max_len(POINTS_PER_TASK).map_init(Tracers::new, |tracers, point| {
+            self.check()?;
+            Ok(self.row(tracers, &levels, point))
+        });
+        let rows = rows.collect::<Result<Vec<Row>, Error>>()?;
+        let channels = self.reflectance.channels;
+        let values = pose.coefficients.chunks_exact(self.plan.coefficients);
+        pose.coefficients = values.flat_map(|row| row.repeat(channels)).collect();
+        Ok(Direct { pose, rows, levels })
+    }
+
+    fn keeps(&self, rays: u64) -> bool {
+        rays * size_of::<super::seen::Seen>() as u64 <= self.most_row_bytes
+    }
+
+    /// The plan whose rays make a point's row, its place among the tracers, and how many blocks.
+    fn plan_of(&self, levels: &[Level], point: usize) -> (usize, &Plan, usize) {
+        match (self.adaptive, levels.get(point)) {
+            (Some(adaptive), Some(level)) => adaptive.plan_of(level),
+            _ => (0, self.plan, self.plan.blocks),
+        }
+    }
+
+    /// Traces a point's row.
+    fn row<'b>(&'b self, tracers: &mut Tracers<'b>, levels: &[Level], point: usize) -> Row {
+        let (place, plan, blocks) = self.plan_of(levels, point);
+        if tracers.len() <= place {
+            tracers.resize_with(place + 1, || None);
+        }
+        let (scratch, sink) =
+            tracers[place].get_or_insert_with(|| (Scratch::new(plan), self.sink(plan)));
+        let unused = &mut [0.0; MAX_COEFFICIENTS][..plan.coefficients];
+        bake_blocks(plan, self.posed, (point, blocks), scratch, Some(sink), unused);
+        sink.take()
     }
 
     /// The direct part of every point in every channel, its noise, and what its rays hit.
@@ -124,7 +194,7 @@ impl Bounces<'_> {
             .enumerate()
             .collect();
         tasks.into_par_iter().try_for_each_init(
-            || (Scratch::new(self.plan), self.sink()),
+            || (Scratch::new(self.plan), self.sink(self.plan)),
             |(scratch, sink), (task, (out, noise, rows))| {
                 self.check()?;
                 let points = out.chunks_exact_mut(count * channels).zip(noise).enumerate();
@@ -146,7 +216,7 @@ impl Bounces<'_> {
     /// Adds to `out` what each point gathers from `from`; where there is room for it, its noise.
     fn pass(
         &self,
-        rows: &[Row],
+        (rows, levels): (&[Row], &[Level]),
         from: &[f32],
         out: &mut [f32],
         noise: &mut [f32],
@@ -159,8 +229,8 @@ impl Bounces<'_> {
             .enumerate()
             .collect();
         tasks.into_par_iter().try_for_each_init(
-            || (Scratch::new(self.plan), self.sink(), vec![0.0; 2 * width]),
-            |(scratch, sink, sums), (task, (out, noise))| {
+            || (Tracers::new(), vec![0.0; 2 * width]),
+            |(tracers, sums), (task, (out, noise))| {
                 self.check()?;
                 for (within, out) in out.chunks_exact_mut(width).enumerate() {
                     let point = task * POINTS_PER_TASK + within;
@@ -168,13 +238,13 @@ impl Bounces<'_> {
                     let row = match rows.get(point) {
                         Some(row) => row,
                         None => {
-                            let unused = &mut [0.0; MAX_COEFFICIENTS][..self.plan.coefficients];
-                            bake_point(self.plan, self.posed, point, scratch, Some(sink), unused);
-                            traced = sink.take();
+                            traced = self.row(tracers, levels, point);
                             &traced
                         }
                     };
-                    let found = self.gather(row, from, sums, out);
+                    let (_, plan, _) = self.plan_of(levels, point);
+                    let rays = plan.directions.directions() / 2;
+                    let found = self.gather((row, rays), from, sums, out);
                     if let Some(noise) = noise.get_mut(within) {
                         *noise = found;
                     }
@@ -184,13 +254,19 @@ impl Bounces<'_> {
         )
     }
 
-    /// Adds the mean over the row's batches to `out` and returns its noise. `sums` holds two
-    /// widths of scratch.
-    fn gather(&self, row: &Row, from: &[f32], sums: &mut [f32], out: &mut [f32]) -> f32 {
+    /// Adds the mean over the row's batches, each of so many rays, to `out` and returns its noise.
+    /// `sums` holds two widths of scratch.
+    fn gather(
+        &self,
+        (row, rays): (&Row, usize),
+        from: &[f32],
+        sums: &mut [f32],
+        out: &mut [f32],
+    ) -> f32 {
         let width = out.len();
         let (batch, mean) = sums.split_at_mut(width);
         mean.fill(0.0);
-        let rays = (self.plan.directions.directions() / 2) as f32;
+        let rays = rays as f32;
         let batches = row.batches().count() as f64;
         let mut squares = 0.0;
         for seen in row.batches() {
@@ -221,9 +297,9 @@ impl Bounces<'_> {
         (variance / width as f64).sqrt() as f32
     }
 
-    fn sink(&self) -> Sink<'_> {
+    fn sink(&self, plan: &Plan) -> Sink<'_> {
         let black = self.reflectance.surface.material.len();
-        Sink::new(self.stage, self.normals, black, self.plan.directions.directions())
+        Sink::new(self.stage, self.normals, black, plan.directions.directions())
     }
 
     fn check(&self) -> Result<(), Error> {

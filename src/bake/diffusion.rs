@@ -26,7 +26,7 @@ use super::{BakedPose, Error};
 const LEAF: usize = 8;
 
 /// A node stands for its points where its radius is below this share of its distance.
-const OPENING: f64 = 0.2;
+const OPENING: f64 = 0.15;
 
 /// A point stands for a disk where it is nearer than this many of the disk's radii.
 const NEAR_RADII: f64 = 6.0;

@@ -46,9 +46,6 @@ pub enum Error {
         /// What was asked for.
         found: f32,
     },
-    /// A target noise for bounces, whose noise depends on other points.
-    #[error("a target noise cannot be stated for bounces; state a number of rays")]
-    NoiseOfBounces,
     /// There is nothing to spread sites on.
     #[error(
         "no triangle has an area and points on all corners: there is nothing to fit vertices to"

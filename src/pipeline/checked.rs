@@ -333,7 +333,6 @@ mod tests {
         assert_eq!(fault(|r| r.bake.noise = Some(0.0)), "bake.noise");
         let goal = Some(NoiseGoalName::Mean);
         assert_eq!(fault(|r| r.bake.noise_goal = goal), "bake.noise_goal");
-        assert_eq!(fault(|r| (r.bake.noise, r.bake.bounces) = (Some(0.1), 1)), "bake.noise");
         assert_eq!(fault(|r| r.bake.vertex_fit = Some(0)), "bake.vertex_fit");
         let below = |found| fault(|r| r.bake.subsurface = Some(found));
         let length = |metres| SubsurfaceRecipe {

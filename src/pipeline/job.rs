@@ -188,9 +188,12 @@ impl Job {
         };
         let baker = match (self.recipe.bake.vertex_fit, &self.reflectance, noise) {
             (Some(samples), ..) => baker.fitted(&self.rest().positions, samples)?,
-            (_, None, None) => baker,
             (_, Some(reflectance), _) => baker.reflecting(reflectance.clone())?,
-            (_, None, Some(noise)) => baker.to_noise(noise, settings)?,
+            (_, None, _) => baker,
+        };
+        let baker = match noise {
+            Some(noise) => baker.to_noise(noise, settings)?,
+            None => baker,
         };
         match self.checked.subsurface {
             Some(subsurface) => Ok(baker.diffusing(subsurface)?),

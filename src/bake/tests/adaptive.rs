@@ -85,14 +85,15 @@ fn a_common_price_has_no_bias() {
     }
 }
 
-/// Open points get few rays, points at the wall more; the root mean square of the scatter over all
+/// Points at the wall get many rays, and a point that sees nothing block, among others that do not,
+/// just the pilot, or with a fine target few more; the root mean square of the scatter over all
 /// points is under the target with either goal, near it with the goal `Mean`, which also
 /// takes fewer rays; and what is claimed agrees with it.
 #[test]
 fn the_target_is_met_where_it_is_hard() {
     let body = scene();
     let times: Vec<f32> = (0..24).map(|i| i as f32).collect();
-    for target in [0.02, 0.005] {
+    for (target, open) in [(0.02, 16), (0.005, 64)] {
         let spent = GOALS.map(|goal| {
             let baked = bake(&body, Noise { target, goal }, 4096, &times);
             let points = body.positions.len();
@@ -107,12 +108,13 @@ fn the_target_is_met_where_it_is_hard() {
             let rms = (scatter / points as f64).sqrt();
             let least = if goal == NoiseGoal::Mean { 0.7 } else { 0.0 };
             let found = rms / f64::from(target);
-            assert!((least..1.08).contains(&found), "target {target}, {goal:?}: {rms}");
+            assert!((least..1.0).contains(&found), "target {target}, {goal:?}: {rms}");
             let claim = (claimed / scatter).sqrt();
             assert!((0.8..1.3).contains(&claim), "{claim}");
-            let sphere = *baked[0].rays.last().unwrap();
+            let sphere = &baked[0].rays[points - 12..];
             let most = *baked[0].rays.iter().max().unwrap();
-            assert!(most > 2 * sphere, "target {target}, {goal:?}: {sphere} and {most}");
+            assert!(sphere.iter().all(|&rays| rays <= open), "{target}, {goal:?}: {sphere:?}");
+            assert!(most > 3 * open, "target {target}, {goal:?}: {most}");
             baked.iter().flat_map(|b| &b.rays).map(|&rays| u64::from(rays)).sum::<u64>()
         });
         assert!(spent[1] < spent[0], "{spent:?}");

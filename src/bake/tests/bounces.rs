@@ -143,6 +143,37 @@ fn noise_is_not_understated() {
     assert!((0.95..2.0).contains(&ratio), "claimed over found: {ratio}");
 }
 
+/// With a target noise the cap sphere's bounces sum up as with stated rays, points get different numbers
+/// of rays, the scatter over repeats is within the target of the direct part, and rows that are traced
+/// anew give the same bits as rows that are kept.
+#[test]
+fn bounces_to_a_noise() {
+    let (body, inside) = open_sphere();
+    let stated = settings(Signal::Transfer, 2048);
+    let noise = Noise { target: 0.01, goal: NoiseGoal::Mean };
+    let mut baker = reflecting(&body, 2048, 2, [0.8; 3]).to_noise(noise, &stated).unwrap();
+    let times: Vec<f32> = (0..6).map(|i| i as f32).collect();
+    let poses: Vec<PosedMesh<'_>> = times.iter().map(|&t| body.posed(t)).collect();
+    let adaptive = baker.bake(&poses, &AtomicBool::new(false)).unwrap();
+    let fixed = baked(&reflecting(&body, 512, 2, [0.8; 3]), &body);
+    let mean = |pose: &BakedPose| {
+        let value = |&p: &usize| f64::from(pose.coefficients[p * 36]);
+        inside.iter().map(value).sum::<f64>() / inside.len() as f64
+    };
+    assert!((mean(&adaptive[0]) / mean(&fixed) - 1.0).abs() < 0.005);
+    assert!(adaptive[0].rays.iter().any(|&rays| rays != adaptive[0].rays[0]));
+    let mut scatter = 0.0;
+    for c in 0..fixed.coefficients.len() {
+        let values: Vec<f64> = adaptive.iter().map(|b| f64::from(b.coefficients[c])).collect();
+        let mean = values.iter().sum::<f64>() / 6.0;
+        scatter += values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / 5.0;
+    }
+    let rms = (scatter / fixed.coefficients.len() as f64).sqrt();
+    assert!((0.004..0.01).contains(&rms), "{rms}");
+    baker.most_row_bytes = 0;
+    assert_eq!(baker.bake(&poses[..1], &AtomicBool::new(false)).unwrap()[0], adaptive[0]);
+}
+
 /// What cannot be baked is refused by what it is.
 #[test]
 fn nonsense_is_refused() {

@@ -9,6 +9,7 @@ mod hostile;
 mod identity;
 mod openings;
 mod quality;
+mod rooms;
 mod statistics;
 mod subsurface;
 mod surrounded;

@@ -93,7 +93,7 @@ fn a_slab_shines_through() {
     }
 }
 
-/// The tree's sums are those over all pairs of points to a hundredth, for values about 1 that
+/// The tree's sums are those over all pairs of points to 5e-3, for values about 1 that
 /// change smoothly, as transfer does, and for noise that differs from point to point;
 /// on a sphere, for mean free paths from far below the points' distance to half the sphere. What is
 /// said of the noise agrees to 2 %.
@@ -122,7 +122,7 @@ fn the_tree_agrees_with_all_pairs() {
                 let sum: f64 = (0..points).map(pair).map(|(weight, value)| weight * value).sum();
                 let square: f64 = (0..points).map(pair).map(|(w, _)| (0.1 * w).powi(2)).sum();
                 let off = (f64::from(found.coefficients[at]) - sum).abs();
-                assert!(off < 1e-2, "{path}, {at}: {off}");
+                assert!(off < 5e-3, "{path}, {at}: {off}");
                 assert!((f64::from(found.noise[at]) / square.sqrt() - 1.0).abs() < 0.02);
             }
         }

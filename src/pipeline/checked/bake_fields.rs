@@ -50,8 +50,6 @@ pub(super) fn checked_noise(recipe: &BakeRecipe) -> Result<Option<bake::Noise>, 
     if let Some(noise) = recipe.noise {
         let sound = noise.is_finite() && noise > 0.0;
         require(sound, "bake.noise", noise, "it must be a positive standard error")?;
-        let expected = "with bounces the rays must be stated, not their noise";
-        require(recipe.bounces == 0, "bake.noise", noise, expected)?;
     }
     Ok(recipe.noise.map(|target| bake::Noise { target, goal }))
 }
