@@ -51,6 +51,7 @@ bench: setup
 	$(CARGO) bench --locked --bench poses
 	$(CARGO) bench --locked --bench papers
 	$(CARGO) bench --locked --bench assets -- $(CHARACTERS) $(ASSET_FLAGS)
+	python3 benches/large.py $(BIN)
 	@for mesh in $(MESHES); do python3 benches/peers/occlusion.py $$mesh $(BIN); done
 
 # POSELIGHT_ASSETS names a folder of scenes; without it the day is the bundled character's.
