@@ -32,7 +32,7 @@ use crate::sh::MAX_COEFFICIENTS;
 
 /// Crossings of the outline that the scouts around a point may have missed, all together: where they
 /// all see the open sky, the point may still see an edge. Chosen for the least rays on three characters.
-const HIDDEN: f64 = 1.0;
+const HIDDEN: f64 = 0.5;
 
 /// What is aimed at, of a target that is a mean: neighbours' outlines scatter, and a point that is
 /// thought of too little of adds more than one that is thought of too much of saves.

@@ -93,7 +93,7 @@ fn a_common_price_has_no_bias() {
 fn the_target_is_met_where_it_is_hard() {
     let body = scene();
     let times: Vec<f32> = (0..24).map(|i| i as f32).collect();
-    for (target, open, hard) in [(0.02, 16, 48), (0.005, 128, 192)] {
+    for (target, open) in [(0.02, 16), (0.005, 64)] {
         let spent = GOALS.map(|goal| {
             let baked = bake(&body, Noise { target, goal }, 4096, &times);
             let points = body.positions.len();
@@ -114,7 +114,7 @@ fn the_target_is_met_where_it_is_hard() {
             let sphere = &baked[0].rays[points - 12..];
             let most = *baked[0].rays.iter().max().unwrap();
             assert!(sphere.iter().all(|&rays| rays <= open), "{target}, {goal:?}: {sphere:?}");
-            assert!(most > hard, "target {target}, {goal:?}: {most}");
+            assert!(most > 3 * open, "target {target}, {goal:?}: {most}");
             baked.iter().flat_map(|b| &b.rays).map(|&rays| u64::from(rays)).sum::<u64>()
         });
         assert!(spent[1] < spent[0], "{spent:?}");
