@@ -4,7 +4,7 @@
 # make bench  the measured tables of README
 # make soak   a studio's day against the service: kills, cancels, and the same bytes at its end
 # make grpc   the code of proto/poselight.proto
-# make fuzz   the readers of foreign bytes, ten million runs each
+# make fuzz   the readers of foreign bytes, ten million runs each, and the service by its document
 # Every target brings what it needs; a second run is quick.
 
 CARGO ?= cargo
@@ -16,7 +16,7 @@ DEMO ?= demo
 DEMO_FLAGS ?= --rays 128 --reference-poses 30
 BUILT ?= build
 
-.PHONY: demo serve test bench soak fuzz grpc setup build
+.PHONY: demo serve test bench soak fuzz grpc openapi setup build
 
 setup:
 	@.ci/setup
@@ -62,6 +62,16 @@ soak: setup
 fuzz: setup
 	@.ci/setup fuzz
 	@for target in importer blob recipe dataset; do tests/fuzz/run $$target -runs=$(FUZZ_RUNS) || exit 1; done
+	$(MAKE) build openapi OPENAPI_BIN=$(BIN) EXAMPLES=600
+
+# The service driven from its own OpenAPI document.
+OPENAPI_BIN ?= $(or $(CARGO_TARGET_DIR),target)/debug/poselight
+EXAMPLES ?= 20
+openapi: $(VENV)-openapi/ready
+	$(VENV)-openapi/bin/python tests/openapi/fuzz.py $(OPENAPI_BIN) $(EXAMPLES)
+
+$(VENV)-openapi/ready: tests/openapi/requirements.txt
+	@.ci/venv $(VENV)-openapi tests/openapi/requirements.txt
 
 # Without protoc. What it writes is kept; make test holds it against the interface.
 grpc:
@@ -76,6 +86,7 @@ test: setup $(VENV)/ready
 	$(CARGO) run --locked --quiet --manifest-path tests/generate/Cargo.toml -- --check
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --locked --no-deps
 	POSELIGHT_PYTHON="$(CURDIR)/$(VENV)/bin/python" $(CARGO) test --locked
+	$(MAKE) openapi
 
 # zarr-python and numpy read the data sets that the tests write.
 $(VENV)/ready: tests/requirements.txt

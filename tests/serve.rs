@@ -26,14 +26,22 @@ use std::time::{Duration, SystemTime};
 use client::{Server, sha256};
 use serde_json::{Value, json};
 
-/// A recipe that is quick but has several blocks.
+/// A recipe that is quick.
 fn small() -> Value {
     json!({
         "version": 1,
-        "poses": { "rate_hz": 8, "near_repeat": 0, "hold_out": ["jump"] },
-        "bake": { "signal": "ao", "rays": 8 },
-        "target": { "reference_poses": 2 },
+        "poses": { "rate_hz": 4, "near_repeat": 0, "hold_out": ["jump"] },
+        "bake": { "signal": "ao", "rays": 2 },
+        "target": { "reference_poses": 1 },
     })
+}
+
+/// The same with several blocks of poses.
+fn in_blocks() -> Value {
+    let mut recipe = small();
+    recipe["poses"]["rate_hz"] = json!(8);
+    recipe["bake"]["rays"] = json!(8);
+    recipe
 }
 
 fn job(server: &Server, recipe: &Value) -> Value {
@@ -169,6 +177,13 @@ fn evaluations(server: &Server, model: &str) {
     refused(&json!({ "poses": [{ "joints": { "tail": {} } }] }), "#/poses/0/joints");
     refused(&json!({ "parameters": [[1.0]] }), "#/parameters/0");
     refused(&json!({ "poses": [{}], "vertices": [99_999_999] }), "#/vertices");
+    // Numbers beyond f32, and beyond f64.
+    for endless in ["1e39", "1e999"] {
+        let body = format!(r#"{{"parameters":[[{endless}]]}}"#);
+        let answer = server.send("POST", &path, body.as_bytes(), &[]);
+        assert_eq!(answer.status, 400, "{}", answer.text());
+        assert_eq!(answer.json()["type"], "/problems/invalid-json", "{}", answer.text());
+    }
     refused(&json!({ "poses": [{}], "parameters": [] }), "#");
 }
 
@@ -188,7 +203,7 @@ fn blocks(folder: &Path) -> Vec<(String, SystemTime)> {
 #[test]
 fn a_killed_service_goes_on() {
     let mut server = Server::start(&[]);
-    let recipe = small();
+    let recipe = in_blocks();
     fs::write(server.path("recipe.json"), recipe.to_string()).expect("written");
     server.command(&["run", "figure.glb", "-o", "out", "--recipe", "recipe.json"]);
     let expected = fs::read(server.path("out/model.safetensors")).expect("made");
@@ -319,6 +334,16 @@ fn slow_and_truncated(server: &Server) {
     slow.set_read_timeout(Some(Duration::from_secs(10))).expect("set");
     let mut answer = Vec::new();
     slow.read_to_end(&mut answer).expect("closed by the service");
+    // Nor one that does not say which HTTP it speaks, or speaks the newer one in nonsense.
+    for begun in [&b""[..], b"PRI * HTTP/2", b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\nnonsense nonsense"] {
+        let mut slow = server.connect();
+        slow.write_all(begun).expect("sent");
+        slow.set_read_timeout(Some(Duration::from_secs(10))).expect("set");
+        // The service may have said what it speaks before it closed.
+        let closed = slow.read_to_end(&mut answer);
+        let reset = |error: &std::io::Error| error.kind() == std::io::ErrorKind::ConnectionReset;
+        assert!(closed.as_ref().err().is_none_or(reset), "{begun:?}: {closed:?}");
+    }
     let mut cut = server.connect();
     let head = format!(
         "PUT /v1/assets/{} HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n\r\nabc",
@@ -444,7 +469,7 @@ fn the_readme_works_as_typed() {
     assert!(script.lines().count() > 5, "README shows nothing: {script}");
     let server = Server::start(&[]);
     let small =
-        r#"{"rays": 4, "signal": "ao"}, "poses": {"rate_hz": 4}, "target": {"reference_poses": 2}"#;
+        r#"{"rays": 4, "signal": "ao"}, "poses": {"rate_hz": 4}, "target": {"reference_poses": 1}"#;
     let script = script
         .replace("localhost:7878", server.url().trim_start_matches("http://"))
         .replace(r#"{"rays": 64}"#, small)

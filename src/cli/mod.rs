@@ -167,6 +167,9 @@ fn listen() {
 /// Warnings of the stages go to stderr; a service writes one line for everything it does.
 fn log(command: &Command) {
     let quiet = tracing_subscriber::fmt().with_writer(std::io::stderr).with_target(false);
+    // A log that cannot be written, as on a full disk, is no reason to stop: to complain of it there
+    // would panic.
+    let quiet = quiet.log_internal_errors(false);
     // A second subscriber can only be one that a caller of the library has set.
     let _ = match command {
         #[cfg(feature = "serve")]

@@ -346,9 +346,7 @@ pub(super) fn of_pipeline(error: &pipeline::Error) -> Problem {
         pipeline::Error::Surroundings(fault) => {
             Problem::field("#/recipe/bake/surroundings", fault.clone())
         }
-        pipeline::Error::File { source, .. }
-            if source.kind() == std::io::ErrorKind::StorageFull =>
-        {
+        full if is_full(full) => {
             let detail = "the disk of the service is full";
             Problem::new(StatusCode::INSUFFICIENT_STORAGE, "storage-full", detail)
         }
@@ -357,6 +355,13 @@ pub(super) fn of_pipeline(error: &pipeline::Error) -> Problem {
         pipeline::Error::File { .. } | pipeline::Error::Dataset(_) => Problem::internal(error),
         other => Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid-field", other.to_string()),
     }
+}
+
+/// Whether a full disk is at the bottom of a fault.
+fn is_full(error: &(dyn std::error::Error + 'static)) -> bool {
+    let cause = error.downcast_ref::<std::io::Error>();
+    cause.is_some_and(|cause| cause.kind() == std::io::ErrorKind::StorageFull)
+        || error.source().is_some_and(is_full)
 }
 
 #[cfg(test)]

@@ -110,6 +110,12 @@ impl Server {
         (self.child, self.address) = spawn(&self.folder, &self.flags, "");
     }
 
+    /// The folder `data` as the service sees it, mounts of its own and all.
+    pub(crate) fn data(&self) -> PathBuf {
+        let own = PathBuf::from(format!("/proc/{}/root", self.child.id()));
+        own.join(self.path("data").strip_prefix("/").expect("absolute"))
+    }
+
     /// Another service cannot take the folder.
     pub(crate) fn second_process_is_refused(&self) {
         let output = Command::new(env!("CARGO_BIN_EXE_poselight"))

@@ -160,7 +160,7 @@ fn real_answers_have_the_declared_form() {
     let body = json!({ "poses": [{ "joints": {} }], "vertices": [0] });
     let evaluated = server.post(&format!("{model}/evaluate"), &body, &[]);
     check("post", "/v1/models/{id}/evaluate", &evaluated);
-    let measure = json!({ "kind": "measure", "model": done["result"]["model"], "recipe": { "version": 1, "target": { "reference_poses": 2 } } });
+    let measure = json!({ "kind": "measure", "model": done["result"]["model"], "recipe": { "version": 1, "target": { "reference_poses": 1 } } });
     let measured = finish(&server, &measure);
     let place = format!("/v1/jobs/{}", measured["id"].as_str().expect("an id"));
     check("get", "/v1/jobs/{id}", &server.get(&place, &[]));

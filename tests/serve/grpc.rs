@@ -104,7 +104,10 @@ async fn in_order(server: &Server, channel: &Channel, id: &str, name: &str) {
     assert!(frames.iter().all(|frame| frame.shape == [3, 1, 1] && frame.axes() == v1::Axes::Root));
     let values: Vec<u8> = frames.iter().flat_map(|frame| frame.values.iter().copied()).collect();
     assert!(values == expected.body, "not what HTTP gives");
-    assert!(frames[49].mahalanobis > frames[0].mahalanobis);
+    let told = server.post(&format!("/v1/models/{id}/evaluate"), &body, &[]).json();
+    for (frame, distance) in frames.iter().zip(told["distances"].as_array().expect("distances")) {
+        assert_eq!(Some(frame.mahalanobis), distance["mahalanobis"].as_f64().map(|far| far as f32));
+    }
 }
 
 /// A fault names its pose, comes after the frames before it, and has the code that it deserves.

@@ -238,7 +238,7 @@ fn a_broken_database_is_waited_out() {
 }
 
 /// Whether this machine lets a test mount a file system of its own.
-fn may_mount() -> bool {
+pub(crate) fn may_mount() -> bool {
     let may =
         Command::new("unshare").args(["-rm", "mount", "-t", "tmpfs", "none", "/mnt"]).output();
     let may = may.is_ok_and(|output| output.status.success());
@@ -270,6 +270,64 @@ fn a_full_disk_is_told() {
     let small = vec![1; 10_000];
     let path = format!("/v1/assets/{}", sha256(&small));
     assert_eq!(server.put(&path, &small, &[]).status, 201, "half an upload takes the room");
+}
+
+/// A disk that fills while a job writes: the job fails with that reason as soon as there is room to
+/// say so, and the next one is done.
+#[test]
+fn a_disk_that_fills_is_told() {
+    if !may_mount() {
+        return;
+    }
+    let server = Server::start_within(&[], "mount -t tmpfs -o size=160m none data");
+    let mut recipe = super::in_blocks();
+    recipe["bake"]["rays"] = json!(60);
+    let accepted = server.post("/v1/jobs", &job(&server, &recipe), &[]);
+    assert_eq!(accepted.status, 202, "{}", accepted.text());
+    let place = accepted.header("location").expect("a place");
+    server.wait(&place, |job| job["progress"]["stage"] == "bake");
+    let path = server.data().join("ballast");
+    let mut ballast = fs::File::create(&path).expect("made");
+    let block = vec![1; 1 << 20];
+    while ballast.write_all(&block).is_ok() {}
+    drop(ballast);
+    let log = || fs::read_to_string(server.path("log")).expect("a log");
+    let start = Instant::now();
+    while !log().contains("cannot write down how it ended") {
+        assert!(start.elapsed() < Duration::from_secs(200), "it bakes on: {}", log());
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    assert_eq!(server.get("/health", &[]).status, 200);
+    fs::remove_file(&path).expect("removed");
+    let failed = server.wait(&place, |job| job["state"] != "running");
+    assert_eq!(failed["error"]["type"], "/problems/storage-full", "{failed}");
+    super::kinds::finish(&server, &job(&server, &small()));
+}
+
+/// A log that takes nothing more, as one on a full disk, does not keep the service from answering.
+#[test]
+fn a_full_log_stops_nothing() {
+    let Ok(full) = fs::File::options().write(true).open("/dev/full") else { return };
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let free = TcpListener::bind("127.0.0.1:0").expect("bound").local_addr().expect("an address");
+    let mut service = Command::new(env!("CARGO_BIN_EXE_poselight"))
+        .args(["serve", "--data", "data", "--listen", &free.to_string()])
+        .current_dir(folder.path())
+        .stderr(full)
+        .spawn()
+        .expect("started");
+    let start = Instant::now();
+    let mut answer = String::new();
+    while answer.is_empty() && start.elapsed() < Duration::from_secs(20) {
+        std::thread::sleep(Duration::from_millis(100));
+        let Ok(mut stream) = std::net::TcpStream::connect(free) else { continue };
+        let head = "GET /health HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n";
+        stream.write_all(head.as_bytes()).expect("sent");
+        answer = rest(stream);
+    }
+    service.kill().expect("killed");
+    service.wait().expect("ended");
+    assert!(answer.starts_with("HTTP/1.1 200"), "`{answer}`");
 }
 
 /// In a folder that cannot be written the service lives and says that it is not ready.

@@ -55,13 +55,13 @@ fn each_kind_does_what_its_command_does() {
     let blob = server.get(&format!("/v1/models/{model}/blob"), &[]);
     assert!(blob.body == expected, "the service's model is not the command line's");
     assert_eq!(server.get(&format!("/v1/models/{model}/report"), &[]).status, 404);
-    assert_eq!(fitted["request"]["recipe"]["bake"]["rays"], 8, "the recipe is not made whole");
+    assert_eq!(fitted["request"]["recipe"]["bake"]["rays"], 2, "the recipe is not made whole");
 
-    let measure = json!({ "kind": "measure", "model": model, "recipe": { "version": 1, "target": { "reference_poses": 2 } } });
+    let measure = json!({ "kind": "measure", "model": model, "recipe": { "version": 1, "target": { "reference_poses": 1 } } });
     let measured = finish(&server, &measure);
     measured_well(&server, &measured);
     // Other references take the place of those.
-    let other = json!({ "kind": "measure", "model": model, "recipe": { "version": 1, "target": { "reference_poses": 2, "reference_factor": 9 } } });
+    let other = json!({ "kind": "measure", "model": model, "recipe": { "version": 1, "target": { "reference_poses": 1, "reference_factor": 9 } } });
     let other = finish(&server, &other);
     assert!(log_of(&server, &other).contains("give way"), "{}", log_of(&server, &other));
     let again = server.post("/v1/jobs", &measure, &[]).json();
@@ -101,7 +101,7 @@ fn the_service_chooses_by_target() {
     let mut bake = job(&server, &small());
     bake["kind"] = json!("bake");
     let dataset = finish(&server, &bake)["result"]["dataset"].clone();
-    let target = json!({ "reference_poses": 2, "max_bytes": 2_000_000 });
+    let target = json!({ "reference_poses": 1, "max_bytes": 2_000_000 });
     let mut request =
         json!({ "kind": "fit", "dataset": dataset, "recipe": { "version": 1, "target": target } });
     request["only"] = json!(["no such family"]);
@@ -113,7 +113,7 @@ fn the_service_chooses_by_target() {
     assert!(server.get(&format!("{model}/report"), &[]).text().contains("<html"));
     assert!(server.get(model, &[]).json()["bytes"].as_u64().is_some_and(|b| b <= 2_000_000));
 
-    let request = json!({ "kind": "tradeoff", "only": ["mean", "pca-linear 2, 8"], "dataset": dataset, "recipe": { "version": 1, "target": { "reference_poses": 2 } } });
+    let request = json!({ "kind": "tradeoff", "only": ["mean", "pca-linear 2, 8"], "dataset": dataset, "recipe": { "version": 1, "target": { "reference_poses": 1 } } });
     let traded = finish(&server, &request);
     assert!(traded["result"]["front"].as_array().is_some_and(|front| !front.is_empty()));
     for name in ["tradeoff.json", "bytes.svg", "microseconds.svg", "report.html"] {
