@@ -417,3 +417,38 @@ fn a_target_chooses_or_ends_with_status_3() {
     assert!(told.contains("the target is not met; what would help most:"), "{told}");
     assert!(studio.path("missed.st").is_file(), "the best that was reached is kept");
 }
+
+/// A skinned character is refined to a file that still animates; budgets that make no sense, a
+/// measure without its constant and a file that cannot be written into are refused.
+#[test]
+fn a_character_is_refined() {
+    let studio = Studio::new();
+    let refine = |more: &[&'static str]| {
+        let mut words = vec!["subdivide", "figure.glb", "-o", "fine.glb", "--clip", "walk"];
+        words.extend(["--fps", "2", "--rays", "4", "--order", "2", "--key-poses", "2", "--json"]);
+        words.extend(more);
+        words
+    };
+    let told = studio.succeed(&refine(&["--max-triangles", "20000", "--values", "--colour"]));
+    let told: Value = serde_json::from_slice(&told.stdout).expect("one object");
+    let triangles = told["triangles"][1].as_u64().expect("a number");
+    assert!((19_990..=20_000).contains(&triangles), "{told}");
+    let before = studio.succeed(&["inspect", "figure.glb", "--json"]);
+    let after = studio.succeed(&["inspect", "fine.glb", "--json"]);
+    let [before, after]: [Value; 2] =
+        [before, after].map(|output| serde_json::from_slice(&output.stdout).expect("an object"));
+    assert_eq!((&before["clips"], &before["joints"]), (&after["clips"], &after["joints"]));
+    assert_eq!(after["triangles"].as_u64(), Some(triangles), "{after}");
+    fs::write(studio.path("plain.gltf"), "{}").expect("written");
+    for (words, status, evidence) in [
+        (refine(&["--max-triangles", "10"]), 2, "less than the"),
+        (refine(&["--until", "0"]), 2, "positive"),
+        (refine(&["--curvature", "2"]), 2, "--measure curvature"),
+        (refine(&["--bounces", "1"]), 2, "bake.bounces"),
+        (vec!["subdivide", "plain.gltf", "-o", "fine.glb"], 1, "plain.gltf"),
+    ] {
+        let (found, message) = studio.fail(&words);
+        assert_eq!(found, status, "{words:?}: {message}");
+        assert!(message.contains(evidence), "{words:?}: {message}");
+    }
+}

@@ -282,16 +282,22 @@ impl Baker {
         posed.into_iter().collect()
     }
 
-    fn trace(&self, posed: &[Posed], cancelled: &AtomicBool) -> Result<Vec<BakedPose>, Error> {
-        let points = self.stage.fit.as_ref().map_or(self.points(), |fit| fit.sites.len());
+    /// Rays from every origin of some poses.
+    pub(super) fn trace(
+        &self,
+        posed: &[Posed],
+        cancelled: &AtomicBool,
+    ) -> Result<Vec<BakedPose>, Error> {
         let count = self.plan.coefficients;
-        let rays = vec![self.plan.rays() as u32; points];
-        let empty = || BakedPose {
-            coefficients: vec![0.0; points * count],
-            noise: vec![0.0; points],
-            rays: rays.clone(),
+        let empty = |posed: &Posed| {
+            let points = posed.origins.len();
+            BakedPose {
+                coefficients: vec![0.0; points * count],
+                noise: vec![0.0; points],
+                rays: vec![self.plan.rays() as u32; points],
+            }
         };
-        let mut baked: Vec<BakedPose> = posed.iter().map(|_| empty()).collect();
+        let mut baked: Vec<BakedPose> = posed.iter().map(empty).collect();
         let chunk = (RAYS_PER_TASK / self.plan.rays()).max(1);
         let tasks: Vec<Task<'_>> = posed
             .iter()

@@ -119,8 +119,9 @@ fn trace_block(
     scratch: &mut Scratch,
     sink: Option<&mut Sink<'_>>,
 ) -> f64 {
+    let number = posed.numbers.get(point).copied().unwrap_or(point as u64);
     let time = u64::from(posed.time_bits);
-    let bits = hash(&[plan.seed, point as u64, posed.clip_key, time, block as u64]);
+    let bits = hash(&[plan.seed, number, posed.clip_key, time, block as u64]);
     let index = (((bits >> 32) * plan.directions.sets() as u64) >> 32) as usize;
     let set = plan.directions.set(index);
     let frame = frame(posed.normals[point], PI * unit(bits << 32));

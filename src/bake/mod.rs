@@ -28,6 +28,8 @@ mod plan;
 mod posed;
 mod seen;
 mod sites;
+mod standing;
+pub mod subdivide;
 mod subsurface;
 mod sums;
 mod surroundings;
@@ -39,6 +41,7 @@ pub use cost::Calibration;
 pub use error::Error;
 pub use openings::Openings;
 pub use plan::rays_cast;
+pub use standing::{Place, Sampled, Standing};
 pub use subsurface::Subsurface;
 pub use surroundings::{NO_POINT, Surroundings, View};
 

@@ -27,7 +27,7 @@ const OFFSET_IN_SPACINGS: f32 = 8.0;
 /// One pose ready for tracing; lengths in the scaled space.
 #[derive(Debug)]
 pub(super) struct Posed {
-    scenes: Vec<trace::Scene>,
+    scenes: Arc<[trace::Scene]>,
     /// Point → scene; empty where there is only one.
     scene_of_point: Arc<[u8]>,
     /// Where a point's rays start.
@@ -42,6 +42,8 @@ pub(super) struct Posed {
     pub(super) far: f32,
     pub(super) clip_key: u64,
     pub(super) time_bits: u32,
+    /// Numbers of the origins in random streams; empty where they are those of the points.
+    pub(super) numbers: Vec<u64>,
 }
 
 /// What is the same in all poses.
@@ -112,15 +114,17 @@ impl Posed {
             far: stage.max_distance_m * space.scale,
             clip_key: mesh.clip_key,
             time_bits: mesh.time_s.to_bits(),
+            numbers: Vec::new(),
         };
         match &stage.fit {
             None => Ok(at_points),
-            Some(fit) => Ok(at_points.at_sites(stage, mesh, &fit.sites, &space)),
+            Some(fit) => Ok(at_points.at_sites(stage, mesh.positions, &fit.sites)),
         }
     }
 
     /// The same with rays that start at sites: everything between that of the corners.
-    fn at_sites(self, stage: &Stage, mesh: &PosedMesh<'_>, sites: &[Site], space: &Space) -> Self {
+    pub(super) fn at_sites(&self, stage: &Stage, positions: &[Vec3], sites: &[Site]) -> Self {
+        let space = Space::around(positions);
         let corners = |site: &Site| stage.triangles[site.triangle as usize];
         let points = |site: &Site| {
             corners(site).map(|corner| stage.points.of_vertex[corner as usize] as usize)
@@ -130,7 +134,7 @@ impl Posed {
             unit(site.mix([a, b, c])).unwrap_or(a)
         };
         let height = |site: &Site, ground: f32| {
-            let at = corners(site).map(|corner| mesh.positions[corner as usize]);
+            let at = corners(site).map(|corner| positions[corner as usize]);
             (site.mix(at).y - ground) * space.scale
         };
         // Between vertices with smooth normals the facet lies below the surface that the normals
@@ -153,7 +157,9 @@ impl Posed {
             origins: sites.iter().map(origin).collect(),
             normals: sites.iter().map(normal).collect(),
             heights: ground.map(|ground| sites.iter().map(|s| height(s, ground)).collect()),
-            ..self
+            scenes: Arc::clone(&self.scenes),
+            numbers: Vec::new(),
+            ..*self
         }
     }
 }

@@ -73,6 +73,8 @@ pub(crate) enum Command {
     /// Render a picture: a scene by rays, or a model beside them.
     #[command(args_override_self = true)]
     Still(super::still_args::StillArgs),
+    #[command(args_override_self = true)]
+    Subdivide(super::subdivide_args::SubdivideArgs),
     /// Print the JSON Schema of the recipe.
     Schema,
     /// Serve jobs, models and evaluation over HTTP.

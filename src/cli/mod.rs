@@ -19,6 +19,7 @@ mod serve_args;
 #[cfg(feature = "serve")]
 mod settings_file;
 mod still_args;
+mod subdivide_args;
 mod subsurface;
 mod surroundings;
 mod units;
@@ -144,6 +145,7 @@ fn run(command: Command, watch: &Watch) -> anyhow::Result<Answer> {
         Command::Brdf(args) => commands::brdf(&args),
         Command::Light(args) => commands::light(&args),
         Command::Still(args) => commands::still(&args),
+        Command::Subdivide(args) => commands::subdivide(&args, &STOP),
         Command::Schema => commands::schema(),
         #[cfg(feature = "serve")]
         Command::Serve(args) => commands::serve(&args, &STOP),

@@ -38,6 +38,7 @@ mod run;
 mod search;
 mod still;
 mod still_glossy;
+mod subdivide;
 mod subset;
 mod surroundings;
 mod timing;
@@ -75,6 +76,9 @@ pub use run::{DATASET, FIGURES, MODEL, Outcome, RECIPE, REPORT, examine, meets_t
 pub use search::{Searched, VALIDATION, exhaustive, search};
 pub use still::{
     MOST_STILL_FRAMES, STILL_SIZES, Still, StillError, StillPicture, spread_times, still,
+};
+pub use subdivide::{
+    Deviation, Refinement, Subdivided, SubdivisionPlan, plan_subdivision, subdivide,
 };
 pub use surroundings::Occluders;
 pub use tradeoff::{Tradeoff, tradeoff};

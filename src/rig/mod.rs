@@ -8,6 +8,7 @@
 //! *Invariant:* no function returns a number that is not finite for a finite pose.
 
 mod angles;
+mod blend;
 mod bones;
 mod deform;
 mod facets;
@@ -23,6 +24,7 @@ mod split;
 mod subset;
 mod upright;
 
+pub use blend::Mix;
 pub use bones::{Bones, bone_rotations, carried_weight, root_frame, root_node};
 pub use deform::{Deformed, deform};
 pub use facets::Facets;

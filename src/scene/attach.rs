@@ -1,13 +1,11 @@
 //! Values at vertices written into a GLB, everything else of the file as it was.
-//!
-//! The JSON is edited as plain values, so extensions, extras, materials and animations survive
-//! whether we know them or not; the new numbers follow the old ones in the binary chunk.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use super::Error;
+use super::container::{ARRAY_BUFFER, finish, open, push, push_view, shown};
 use crate::rig::Part;
 
 /// Values of one attribute at all vertices of the scene.
@@ -20,9 +18,6 @@ pub struct Attribute {
     /// `[vertex, width]`, in the order of the imported scene.
     pub values: Vec<f32>,
 }
-
-const HEADER_BYTES: usize = 12;
-const CHUNK_HEADER_BYTES: usize = 8;
 
 /// Adds attributes to the primitives that `parts` of the imported scene came from.
 ///
@@ -46,80 +41,43 @@ pub fn attach(glb: &[u8], parts: &[Part], attributes: &[Attribute]) -> Result<Ve
             }
         }
     }
-    binary.resize(binary.len().next_multiple_of(4), 0);
-    document["buffers"][0]["byteLength"] = json!(binary.len());
-    close(&document, &binary)
+    finish(document, binary)
 }
 
-/// The document and its binary chunk.
-fn open(glb: &[u8]) -> Result<(Value, Vec<u8>), Error> {
-    let fault = |offset: usize, fault: &str| Error::Glb { offset, fault: fault.to_owned() };
-    if !glb.starts_with(b"glTF") {
-        return Err(fault(0, "values are written into a .glb file; save the scene as one"));
-    }
-    let chunk = |start: usize, kind: &[u8; 4]| {
-        let head = glb.get(start..start + CHUNK_HEADER_BYTES)?;
-        let length = u32::from_le_bytes(head[..4].try_into().ok()?) as usize;
-        let body = start + CHUNK_HEADER_BYTES;
-        (&head[4..] == kind).then(|| glb.get(body..body.checked_add(length)?)).flatten()
-    };
-    let text = chunk(HEADER_BYTES, b"JSON").ok_or_else(|| fault(HEADER_BYTES, "no JSON chunk"))?;
-    let second = HEADER_BYTES + CHUNK_HEADER_BYTES + text.len();
-    let binary = chunk(second, b"BIN\0").ok_or_else(|| fault(second, "no binary chunk"))?;
-    let document: Value =
-        serde_json::from_slice(text).map_err(|source| Error::Json { fault: source.to_string() })?;
-    let buffer = &document["buffers"][0];
-    let length = buffer["byteLength"].as_u64().and_then(|length| usize::try_from(length).ok());
-    match length.filter(|_| buffer.get("uri").is_none()).and_then(|length| binary.get(..length)) {
-        Some(binary) => Ok((document, binary.to_vec())),
-        None => Err(fault(second, "the first buffer does not lie in the binary chunk")),
-    }
+/// Where a part of the imported scene lies in its document.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Origin {
+    node: usize,
+    pub(super) mesh: usize,
+    pub(super) primitive: usize,
 }
 
-fn close(document: &Value, binary: &[u8]) -> Result<Vec<u8>, Error> {
-    let mut text = document.to_string().into_bytes();
-    text.resize(text.len().next_multiple_of(4), b' ');
-    let length = HEADER_BYTES + 2 * CHUNK_HEADER_BYTES + text.len() + binary.len();
-    let word = |length: usize| {
-        let fault = "the file would be larger than 4 GiB".to_owned();
-        u32::try_from(length).map_err(|_| Error::Glb { offset: 8, fault }).map(u32::to_le_bytes)
-    };
-    let mut glb = b"glTF\x02\0\0\0".to_vec();
-    glb.extend(word(length)?);
-    for (kind, body) in [(b"JSON", text.as_slice()), (b"BIN\0", binary)] {
-        glb.extend(word(body.len())?);
-        glb.extend(kind);
-        glb.extend(body);
-    }
-    Ok(glb)
-}
-
-/// The mesh and primitive of each part: import goes by node, then by primitive.
-fn targets(document: &Value, parts: &[Part]) -> Result<Vec<(usize, usize)>, Error> {
-    let (mut found, mut used) = (Vec::new(), BTreeSet::new());
+/// Where each part came from: import goes by node, by instance, then by primitive.
+pub(super) fn origins(document: &Value, parts: &[Part]) -> Result<Vec<Origin>, Error> {
+    let mut found = Vec::new();
     let shown = shown(document);
     let mut next = parts.iter().peekable();
     let nodes = document["nodes"].as_array().map_or(&[][..], Vec::as_slice);
     for (index, node) in nodes.iter().enumerate().filter(|(index, _)| shown.contains(index)) {
         let Some(mesh) = node["mesh"].as_u64().map(|mesh| mesh as usize) else { continue };
-        if !node["extensions"]["EXT_mesh_gpu_instancing"].is_null() {
-            let fault = "its mesh is shown by many instances, and has room for the values of one";
-            return Err(Error::invalid(format!("nodes[{index}]"), fault));
-        }
+        let instanced = !node["extensions"]["EXT_mesh_gpu_instancing"].is_null();
         let primitives = document["meshes"][mesh]["primitives"].as_array();
-        for (at, primitive) in primitives.into_iter().flatten().enumerate() {
-            let positions = primitive["attributes"]["POSITION"].as_u64();
-            let count = positions.and_then(|p| document["accessors"][p as usize]["count"].as_u64());
-            let same =
-                |part: &&Part| part.primitive == at && count == Some(part.vertices.len() as u64);
-            if next.next_if(same).is_none() {
-                continue;
+        loop {
+            let before = found.len();
+            for (at, primitive) in primitives.into_iter().flatten().enumerate() {
+                let positions = primitive["attributes"]["POSITION"].as_u64();
+                let count =
+                    positions.and_then(|p| document["accessors"][p as usize]["count"].as_u64());
+                let same = |part: &&Part| {
+                    part.primitive == at && count == Some(part.vertices.len() as u64)
+                };
+                if next.next_if(same).is_some() {
+                    found.push(Origin { node: index, mesh, primitive: at });
+                }
             }
-            if !used.insert((mesh, at)) {
-                let fault = format!("its mesh {mesh} is another node's too; give each its own");
-                return Err(Error::invalid(format!("nodes[{index}]"), fault));
+            if !instanced || found.len() == before {
+                break;
             }
-            found.push((mesh, at));
         }
     }
     match next.next() {
@@ -131,24 +89,20 @@ fn targets(document: &Value, parts: &[Part]) -> Result<Vec<(usize, usize)>, Erro
     }
 }
 
-/// The nodes of the scene that is shown.
-fn shown(document: &Value) -> BTreeSet<usize> {
-    let scene = document["scene"].as_u64().unwrap_or(0) as usize;
-    let numbers = |list: &Value| -> Vec<usize> {
-        let all = list.as_array().into_iter().flatten();
-        all.filter_map(Value::as_u64).map(|number| number as usize).collect()
+/// The mesh and primitive of each part, which must be the only one there.
+fn targets(document: &Value, parts: &[Part]) -> Result<Vec<(usize, usize)>, Error> {
+    let mut used = BTreeMap::new();
+    let one = |Origin { node, mesh, primitive }| {
+        let fault = match used.insert((mesh, primitive), node) {
+            None => return Ok((mesh, primitive)),
+            Some(other) if other == node => {
+                "its mesh is shown by many instances, and has room for the values of one".to_owned()
+            }
+            Some(_) => format!("its mesh {mesh} is another node's too; give each its own"),
+        };
+        Err(Error::invalid(format!("nodes[{node}]"), fault))
     };
-    let mut open = match document["scenes"][scene].get("nodes") {
-        Some(roots) => numbers(roots),
-        None => (0..document["nodes"].as_array().map_or(0, Vec::len)).collect(),
-    };
-    let mut shown = BTreeSet::new();
-    while let Some(node) = open.pop() {
-        if shown.insert(node) {
-            open.extend(numbers(&document["nodes"][node]["children"]));
-        }
-    }
-    shown
+    origins(document, parts)?.into_iter().map(one).collect()
 }
 
 /// Appends a part's values and returns the index of their accessor.
@@ -163,25 +117,11 @@ fn append(
     let values = attribute.values.get(range).ok_or_else(|| {
         Error::invalid(&attribute.name, "there are not as many values as vertices")
     })?;
-    binary.resize(binary.len().next_multiple_of(4), 0);
-    let start = binary.len();
-    values.iter().for_each(|value| binary.extend(value.to_le_bytes()));
-    let view = json!({
-        "buffer": 0, "byteOffset": start, "byteLength": binary.len() - start, "target": 34962,
-    });
-    let view = push(document, "bufferViews", view)?;
+    let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+    let view = push_view(document, binary, &bytes, ARRAY_BUFFER)?;
     let kind = ["SCALAR", "VEC2", "VEC3", "VEC4"][width - 1];
     let accessor = json!({
         "bufferView": view, "componentType": 5126, "count": part.vertices.len(), "type": kind,
     });
     push(document, "accessors", accessor)
-}
-
-fn push(document: &mut Value, list: &str, value: Value) -> Result<usize, Error> {
-    let whole: Option<&mut Map<String, Value>> = document.as_object_mut();
-    let entry = whole.map(|whole| whole.entry(list).or_insert_with(|| json!([])));
-    let entries = entry.and_then(Value::as_array_mut);
-    let entries = entries.ok_or_else(|| Error::invalid(list, "it is no list"))?;
-    entries.push(value);
-    Ok(entries.len() - 1)
 }

@@ -15,6 +15,8 @@
 
 mod attach;
 mod budget;
+mod container;
+mod elements;
 mod environment;
 mod error;
 pub mod figure;
@@ -23,6 +25,7 @@ mod limits;
 mod normals;
 mod obj;
 mod picture;
+mod refine;
 mod sequence;
 mod source;
 mod surface;
@@ -36,6 +39,7 @@ pub use attach::{Attribute, attach};
 pub use environment::{EnvironmentPicture, MOST_TEXELS, environment};
 pub use error::Error;
 pub use limits::Limits;
+pub use refine::{RefinedPart, primitives, refine};
 pub use surface::{Alpha, MOST_ALBEDO, Material, Surface, Texture, Wrap};
 
 use crate::rig::{Deformed, Mesh, Pose, RigidFrame, Skeleton, deform};

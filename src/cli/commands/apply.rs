@@ -81,26 +81,29 @@ fn bent(row: &[f32]) -> Vec3 {
 }
 
 /// `_AO`, or `_TRANSFER_0`, `_TRANSFER_1`, …: four numbers each of channel after channel, filled up
-/// with zeros; and `COLOR_0` where that is asked for.
-fn attributes(model: &Model, values: &[f32], colour: bool) -> Vec<Attribute> {
-    let header = model.header();
-    let width = header.width();
-    let prefix = match header.signal {
+/// with zeros.
+pub(super) fn columns(signal: Signal, width: usize, values: &[f32]) -> Vec<Attribute> {
+    let prefix = match signal {
         Signal::Ao => "_AO",
         Signal::Visibility => "_VISIBILITY",
         Signal::Transfer => "_TRANSFER",
     };
-    let mut attributes = Vec::new();
     if width == 1 {
-        attributes.push(Attribute { name: prefix.into(), width, values: values.to_vec() });
-    } else {
-        for first in (0..width).step_by(4) {
-            let of = |row: &[f32]| [0, 1, 2, 3].map(|i| row.get(first + i).copied().unwrap_or(0.0));
-            let values = values.chunks_exact(width).flat_map(of).collect();
-            let name = format!("{prefix}_{}", first / 4);
-            attributes.push(Attribute { name, width: 4, values });
-        }
+        return vec![Attribute { name: prefix.into(), width, values: values.to_vec() }];
     }
+    let column = |first: usize| {
+        let of = |row: &[f32]| [0, 1, 2, 3].map(|i| row.get(first + i).copied().unwrap_or(0.0));
+        let values = values.chunks_exact(width).flat_map(of).collect();
+        Attribute { name: format!("{prefix}_{}", first / 4), width: 4, values }
+    };
+    (0..width).step_by(4).map(column).collect()
+}
+
+/// A model's values, and `COLOR_0` where that is asked for.
+fn attributes(model: &Model, values: &[f32], colour: bool) -> Vec<Attribute> {
+    let header = model.header();
+    let width = header.width();
+    let mut attributes = columns(header.signal, width, values);
     if colour {
         let count = header.coefficients();
         let scale = if header.signal == Signal::Ao { 1.0 } else { AMBIENT };

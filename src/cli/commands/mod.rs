@@ -15,6 +15,7 @@ mod sample;
 #[cfg(feature = "serve")]
 mod serve;
 mod still;
+mod subdivide;
 mod tradeoff;
 
 pub(super) use apply::apply;
@@ -32,6 +33,7 @@ pub(super) use sample::{sample, schema};
 #[cfg(feature = "serve")]
 pub(super) use serve::{serve, token};
 pub(super) use still::still;
+pub(super) use subdivide::subdivide;
 pub(super) use tradeoff::tradeoff;
 
 use std::path::{Path, PathBuf};
@@ -59,7 +61,7 @@ pub(super) struct UnreadRecipe {
 /// Flags that make no sense together.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
-pub(super) struct Usage(String);
+pub(super) struct Usage(pub(super) String);
 
 /// The recipe to start from.
 fn start(args: &RecipeArgs) -> anyhow::Result<Recipe> {
