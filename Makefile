@@ -44,6 +44,7 @@ bench: setup
 	$(CARGO) bench --locked --bench evaluate
 	$(CARGO) bench --locked --bench fit
 	$(CARGO) bench --locked --bench light
+	$(CARGO) bench --locked --bench subdivide
 	$(CARGO) bench --locked --bench serve
 	$(CARGO) bench --locked --bench stability
 	$(CARGO) run --release --locked -- sample figure -o $(DEMO)/figure.glb

@@ -49,7 +49,9 @@ pub fn refine(glb: &[u8], mesh: &Mesh, refined: &[RefinedPart]) -> Result<Vec<u8
         let mut primitive = document["meshes"][origin.mesh]["primitives"][origin.primitive].take();
         let mut file = File { document: &mut document, binary: &mut binary };
         file.attributes(&mut primitive["attributes"], mesh, part)?;
-        for target in primitive["targets"].as_array_mut().into_iter().flatten() {
+        // Asked for by index, a value that is not there would come to be.
+        let targets = primitive.get_mut("targets").and_then(Value::as_array_mut);
+        for target in targets.into_iter().flatten() {
             file.deltas(target, mesh, part)?;
         }
         primitive["indices"] = json!(file.indices(mesh, part)?);

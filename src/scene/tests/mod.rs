@@ -6,12 +6,14 @@ mod clips;
 mod containers;
 mod faults;
 mod nodes;
+mod refined;
 mod sequences;
 mod skins;
 mod surfaces;
 
 use serde_json::{Value, json};
 
+use super::elements::Elements;
 use super::*;
 
 /// A document under construction: everything lies in one buffer.
