@@ -33,7 +33,7 @@ fn tools_lose_no_vertex() {
     for (tool, words) in TOOLS {
         let there = Command::new(tool).arg("--version").output().is_ok();
         if !there {
-            println!("skipped: there is no {tool} on the path");
+            eprintln!("skipped: there is no {tool} on the path");
             continue;
         }
         if !model_is_made {
@@ -50,7 +50,6 @@ fn tools_lose_no_vertex() {
             "--json rebind hero.safetensors again.glb --original hero.glb -o again.safetensors";
         let told = succeeds(folder, &rebind.split(' ').collect::<Vec<_>>());
         let told: serde_json::Value = serde_json::from_str(&told).expect("JSON");
-        println!("{tool} {words:?}: {told}");
         assert_eq!((&told["unmatched"], &told["unused_points"]), (&0.into(), &0.into()), "{told}");
         let evaluate = "evaluate again.safetensors --scene again.glb --clip wave -o again.npy";
         succeeds(folder, &evaluate.split(' ').collect::<Vec<_>>());
