@@ -1,9 +1,11 @@
 //! Primitives with more vertices and triangles written into a GLB, everything else as it was.
 
+use std::collections::BTreeMap;
+
 use serde_json::{Value, json};
 
 use super::Error;
-use super::attach::origins;
+use super::attach::{Origin, origins};
 use super::container::{ARRAY_BUFFER, INDEX_BUFFER, finish, open, push, push_view};
 use super::elements::{Elements, FLOAT, bytes_of};
 use crate::rig::{Influence, Mesh, Mix, Part};
@@ -29,9 +31,11 @@ pub struct RefinedPart {
 pub fn primitives(glb: &[u8], parts: &[Part]) -> Result<Vec<(usize, usize)>, Error> {
     let (document, _) = open(glb)?;
     let origins = origins(&document, parts)?;
-    let key = |i: usize| (origins[i].mesh, origins[i].primitive);
-    let first = |part: usize| (0..part).find(|&other| key(other) == key(part)).unwrap_or(part);
-    Ok((0..parts.len()).map(|part| (first(part), origins[part].mesh)).collect())
+    let mut first = BTreeMap::new();
+    let one = |(part, origin): (usize, &Origin)| {
+        (*first.entry((origin.mesh, origin.primitive)).or_insert(part), origin.mesh)
+    };
+    Ok(origins.iter().enumerate().map(one).collect())
 }
 
 /// Writes refined parts. Attributes of new vertices lie between those of the old: positions, texture
