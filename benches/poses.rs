@@ -10,6 +10,8 @@
 
 #![expect(clippy::print_stdout, reason = "a benchmark prints its table")]
 
+mod arguments;
+
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -170,12 +172,10 @@ fn options() -> Result<Options> {
             continue;
         }
         let value = words.next().ok_or(format!("{word} needs a value"))?;
-        let bake = &mut options.recipe.bake;
+        if arguments::edit(&mut options.recipe, &word, &value)? {
+            continue;
+        }
         match word.as_str() {
-            "--signal" => bake.signal = serde_json::from_value(value.into())?,
-            "--order" => bake.order = value.parse()?,
-            "--rays" => bake.rays = value.parse()?,
-            "--fps" => options.recipe.poses.rate_hz = value.parse()?,
             "--hold-out" => options.recipe.poses.hold_out = Some(vec![value]),
             "--reference-fps" => options.reference.0 = value.parse()?,
             "--reference-rays" => options.reference.1 = value.parse()?,

@@ -140,6 +140,15 @@ pub struct PoseSet {
     pub passed_over: usize,
 }
 
+impl PoseSet {
+    /// At most so many poses that cover all, farthest apart by their parameters; ascending.
+    #[must_use]
+    pub fn covering(&self, most: usize) -> Vec<usize> {
+        let width = self.parameters.len() / self.samples.len().max(1);
+        spread::spread(&self.parameters, width, most)
+    }
+}
+
 /// Samples the chosen clips, drops near-repeats, and finds the parameters.
 ///
 /// A scene without clips, or with none chosen, gives its rest pose as the only, training sample.

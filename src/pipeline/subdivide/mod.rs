@@ -95,23 +95,24 @@ pub fn subdivide(
     let main = job.scene.sources.first().map_or(&[][..], |source| &source.bytes);
     let origins = scene::primitives(main, &mesh.parts).map_err(in_file)?;
     let surface = Surface::new(mesh, &origins);
-    let key_poses = key_poses(job, refinement.key_poses);
+    let key_poses = job.poses.covering(refinement.key_poses);
     let baker = job.baker(&job.checked.bake, None)?;
     let posed: Vec<Deformed> = key_poses.iter().map(|&pose| job.traced(pose)).collect();
     let views =
         Views { mesh, surface: &surface, poses: standing(job, &baker, &key_poses, &posed)? };
     let areas = surface.areas(mesh, &posed[0]);
     let tessellation = Tessellation::new(&surface.triangles, surface.weld.clone());
+    let given: Vec<Leaf> = tessellation.leaves().map(|leaf| tessellation.leaf(leaf)).collect();
     let rows = given_rows(job, &surface, &views, stop)?;
     let probes = probes(job, refinement, (&views, &key_poses, &posed), &areas, stop)?;
-    let before = probes.as_ref().map(|probes| probes.compare(&whole(&surface), &rows));
+    let before = probes.as_ref().map(|probes| probes.compare(&given, &rows));
     let mut refiner = Refiner::new(tessellation, rows, &areas, (&views, refinement.measure), stop)?;
     let work = refiner.run(&refinement.goal, stop, tell)?;
     let refined = refiner.finish(stop)?;
     let after = probes.as_ref().map(|probes| probes.compare(&refined.triangles, &refined.rows));
-    let (parts, deviation) = parts(job, &surface, &refined, &key_poses, refinement.bound);
-    let glb = scene::refine(main, mesh, &parts).map_err(in_file)?;
     let all = place_all(&surface, &refined);
+    let (parts, deviation) = parts(job, &surface, (&refined, &all), &key_poses, refinement.bound);
+    let glb = scene::refine(main, mesh, &parts).map_err(in_file)?;
     Ok(Subdivided {
         glb,
         work,
@@ -160,35 +161,6 @@ fn direct(job: &Job) -> Result<(), RecipeError> {
     refuse("bake.vertex_fit", bake.vertex_fit.map(|samples| samples.to_string()))?;
     refuse("bake.more_rays", bake.more_rays.first().map(u32::to_string))?;
     refuse("bake.subsurface", bake.subsurface.as_ref().map(|_| "stated".to_owned()))
-}
-
-/// The input's triangles as leaves.
-fn whole(surface: &Surface) -> Vec<Leaf> {
-    let at = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-    let one = |(root, &corners): (u32, &[u32; 3])| Leaf { corners, root, at, depth: 0 };
-    (0..).zip(&surface.triangles).map(one).collect()
-}
-
-/// Poses that cover the clips: the first, then again and again the one farthest from all before.
-fn key_poses(job: &Job, count: usize) -> Vec<usize> {
-    let poses = job.poses.samples.len();
-    let width = job.poses.parameters.len() / poses.max(1);
-    let row = |pose: usize| &job.poses.parameters[pose * width..(pose + 1) * width];
-    let mut chosen = vec![0];
-    let mut distance = vec![f32::INFINITY; poses];
-    while chosen.len() < count {
-        let last = row(chosen[chosen.len() - 1]);
-        for (pose, nearest) in distance.iter_mut().enumerate() {
-            let square = row(pose).iter().zip(last).map(|(a, b)| (a - b).powi(2)).sum::<f32>();
-            *nearest = nearest.min(square);
-        }
-        let farthest = (0..poses).max_by(|&a, &b| distance[a].total_cmp(&distance[b]));
-        match farthest.filter(|&pose| distance[pose] > 0.0) {
-            Some(pose) => chosen.push(pose),
-            None => break,
-        }
-    }
-    chosen
 }
 
 fn standing<'a>(
@@ -274,7 +246,7 @@ fn place_all(surface: &Surface, refined: &Refined) -> Vec<Placed> {
 fn parts(
     job: &Job,
     surface: &Surface,
-    refined: &Refined,
+    (refined, all): (&Refined, &[Placed]),
     key_poses: &[usize],
     bound: f32,
 ) -> (Vec<RefinedPart>, Deviation) {
@@ -308,7 +280,6 @@ fn parts(
         parts[primitive].added.push(own);
         parts[primitive].influences.push(influences.clone());
     }
-    let all = place_all(surface, refined);
     for leaf in &refined.triangles {
         let corners = leaf.corners.map(|vertex| all[vertex as usize].number);
         parts[surface.primitive_of(leaf.root)].triangles.push(corners);

@@ -3,7 +3,7 @@
 use crate::bake::subdivide::ErrorMeasure;
 use crate::pipeline::{Error, Job};
 
-use super::{Refinement, key_poses};
+use super::Refinement;
 
 /// Wall time of the calibration, seconds.
 const CALIBRATION_S: f64 = 0.5;
@@ -36,7 +36,7 @@ pub fn plan_subdivision(job: &Job, refinement: &Refinement) -> Result<Subdivisio
     };
     let vertices = first.max(wanted.saturating_sub(triangles).div_ceil(2));
     let vertices = vertices.min(refinement.goal.vertices as u64);
-    let views = key_poses(job, refinement.key_poses).len();
+    let views = job.poses.covering(refinement.key_poses).len();
     let baker = job.baker(&job.checked.bake, None)?;
     let posed = job.traced(0);
     let speed = baker.calibrate(&crate::pipeline::bake::posed(job, 0, &posed), CALIBRATION_S)?;

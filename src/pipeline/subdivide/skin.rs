@@ -5,7 +5,7 @@
 //! its weights are fitted: min over w of Σ over key poses ‖Σ_j w_j M_j p − x‖² with w ≥ 0, Σ w = 1,
 //! x the place on the posed triangle.
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
 use crate::pipeline::Job;
 use crate::rig::{Deformed, Influence, Mesh, Mix, deform};
@@ -167,7 +167,7 @@ fn simplex(columns: &[Vec<Vec3>], target: &[Vec3], mut weights: Vec<f64>) -> Vec
     };
     let gram: Vec<f64> = (0..n * n).map(|at| dot(&columns[at / n], &columns[at % n])).collect();
     let trace: f64 = (0..n).map(|i| gram[i * n + i]).sum();
-    if trace <= DVec3::ZERO.x {
+    if trace <= 0.0 {
         return weights;
     }
     for _ in 0..STEPS {
