@@ -20,7 +20,7 @@ const CHUNK_HEADER_BYTES: usize = 8;
 pub(super) fn open(glb: &[u8]) -> Result<(Value, Vec<u8>), Error> {
     let fault = |offset: usize, fault: &str| Error::Glb { offset, fault: fault.to_owned() };
     if !glb.starts_with(b"glTF") {
-        return Err(fault(0, "it is written as a .glb file only; save the scene as one"));
+        return Err(fault(0, "only a .glb can be written into; save the scene as one"));
     }
     let chunk = |start: usize, kind: &[u8; 4]| {
         let head = glb.get(start..start + CHUNK_HEADER_BYTES)?;
