@@ -17,6 +17,8 @@ mod kinds;
 mod scenes;
 #[path = "serve/soak.rs"]
 mod soak;
+#[path = "serve/webhooks.rs"]
+mod webhooks;
 
 use std::fs;
 use std::io::{Read, Write};

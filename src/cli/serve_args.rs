@@ -67,6 +67,10 @@ pub(crate) struct ServeArgs {
     /// it jobs cannot name one.
     #[arg(long, value_name = "FILE", env = "POSELIGHT_WEBHOOK_SECRET_FILE")]
     pub(crate) webhook_secret: Option<PathBuf>,
+    /// Certificates in PEM of authorities that may vouch for webhooks by https, beside the public
+    /// ones.
+    #[arg(long, value_name = "FILE", env = "POSELIGHT_WEBHOOK_CA_FILE")]
+    pub(crate) webhook_ca: Option<PathBuf>,
     /// Let webhooks be at private addresses too.
     #[arg(long, env = "POSELIGHT_WEBHOOK_PRIVATE")]
     pub(crate) webhook_private: bool,

@@ -53,7 +53,7 @@ use std::time::Duration;
 use tokio::sync::{Semaphore, watch};
 
 pub use store::{Error as StoreError, NewToken, Store, Token};
-pub use webhooks::{BadSecret, Secret};
+pub use webhooks::{Authorities, BadAuthorities, BadSecret, Secret};
 
 use hot::Hot;
 use metrics::Metrics;
@@ -82,6 +82,8 @@ pub struct Webhooks {
     pub secret: Option<Secret>,
     /// Whether messages may go to addresses that are not public. Default false.
     pub private: bool,
+    /// Who may vouch for receivers by `https` beside the public authorities. Default nobody.
+    pub authorities: Authorities,
 }
 
 /// Upper bounds of what comes from outside. A request beyond one is refused with the limit's name.

@@ -9,7 +9,7 @@ use serde_json::json;
 use crate::cli::Answer;
 use crate::cli::serve_args::{ServeArgs, TokenArgs, TokenCommand};
 use crate::pipeline::files;
-use crate::serve::{self, Limits, Secret, Settings, Store, Webhooks};
+use crate::serve::{self, Authorities, Limits, Secret, Settings, Store, Webhooks};
 
 pub(in crate::cli) fn serve(args: &ServeArgs, stop: &'static AtomicBool) -> anyhow::Result<Answer> {
     let defaults = Limits::default();
@@ -31,7 +31,9 @@ pub(in crate::cli) fn serve(args: &ServeArgs, stop: &'static AtomicBool) -> anyh
         ..defaults
     };
     let secret = args.webhook_secret.as_deref().map(read_secret).transpose()?;
-    let webhooks = Webhooks { secret, private: args.webhook_private };
+    let authorities = args.webhook_ca.as_deref().map(read_authorities).transpose()?;
+    let authorities = authorities.unwrap_or_default();
+    let webhooks = Webhooks { secret, private: args.webhook_private, authorities };
     let settings = Settings {
         folder: args.data.clone(),
         address: args.listen,
@@ -61,6 +63,14 @@ fn read_secret(path: &Path) -> anyhow::Result<Secret> {
     let bytes = files::read(path, MOST_SECRET_BYTES)?;
     let text = String::from_utf8_lossy(&bytes);
     Secret::read(&text).with_context(|| format!("the file {}", path.display()))
+}
+
+/// Bytes of a file with certificates; the public authorities together have 200 kB.
+const MOST_AUTHORITIES_BYTES: u64 = 4 << 20;
+
+fn read_authorities(path: &Path) -> anyhow::Result<Authorities> {
+    let bytes = files::read(path, MOST_AUTHORITIES_BYTES)?;
+    Authorities::read(&bytes).with_context(|| format!("the file {}", path.display()))
 }
 
 pub(in crate::cli) fn token(args: &TokenArgs) -> anyhow::Result<Answer> {

@@ -5,9 +5,14 @@ use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs};
 /// Bytes of an address at most.
 const MOST_BYTES: usize = 2000;
 
-/// An `http` address, taken apart.
+/// Addresses of one name that are tried.
+const MOST_TRIED: usize = 4;
+
+/// An `http` or `https` address, taken apart.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(in crate::serve) struct Target {
+    /// Whether it is spoken to by TLS.
+    secure: bool,
     host: String,
     port: u16,
     /// Path and query.
@@ -15,8 +20,7 @@ pub(in crate::serve) struct Target {
 }
 
 impl Target {
-    /// Takes an address apart. The service speaks no TLS, as a client no more than as a server: a
-    /// relay beside it does.
+    /// Takes an address apart.
     ///
     /// # Errors
     /// A sentence that says what is wrong.
@@ -25,8 +29,9 @@ impl Target {
         if url.len() > MOST_BYTES || !printable {
             return Err(format!("an address has up to {MOST_BYTES} printable ASCII characters"));
         }
-        let Some(rest) = url.strip_prefix("http://") else {
-            return Err("the address must begin with `http://`; for TLS, name a relay".to_owned());
+        let secure = url.starts_with("https://");
+        let Some(rest) = url.strip_prefix("https://").or(url.strip_prefix("http://")) else {
+            return Err("the address must begin with `https://` or `http://`".to_owned());
         };
         let cut = rest.find(['/', '?', '#']).unwrap_or(rest.len());
         let (authority, path) = rest.split_at(cut);
@@ -37,17 +42,27 @@ impl Target {
             Some((host, port)) if !port.ends_with(']') => {
                 (host, port.parse().map_err(|_| format!("`{port}` is no port"))?)
             }
-            _ => (authority, 80),
+            _ => (authority, if secure { 443 } else { 80 }),
         };
         if host.is_empty() || port == 0 {
             return Err("the address names no host".to_owned());
         }
         let path = if path.starts_with('/') { path.to_owned() } else { format!("/{path}") };
-        Ok(Self { host: host.to_owned(), port, path })
+        Ok(Self { secure, host: host.to_owned(), port, path })
+    }
+
+    pub(super) fn is_secure(&self) -> bool {
+        self.secure
     }
 
     pub(super) fn host(&self) -> &str {
         &self.host
+    }
+
+    /// The host as certificates have it: an address of IPv6 without its brackets.
+    pub(super) fn bare_host(&self) -> &str {
+        let bare = self.host.strip_prefix('[').and_then(|host| host.strip_suffix(']'));
+        bare.unwrap_or(&self.host)
     }
 
     /// The header `Host`.
@@ -61,8 +76,7 @@ impl Target {
 
     /// The host where it is an address already.
     fn literal(&self) -> Option<IpAddr> {
-        let bare = self.host.strip_prefix('[').and_then(|host| host.strip_suffix(']'));
-        bare.unwrap_or(&self.host).parse().ok()
+        self.bare_host().parse().ok()
     }
 
     /// What can be said without a look-up: an address that is written out.
@@ -76,12 +90,13 @@ impl Target {
         }
     }
 
-    /// The address to connect to. Where one of a name's addresses is private, none is taken.
+    /// The addresses to connect to, one after another. Where one of a name's addresses is private,
+    /// none is taken.
     ///
     /// # Errors
     /// A sentence that says what is wrong.
-    pub(super) fn resolve(&self, private: bool) -> Result<SocketAddr, String> {
-        let addresses: Vec<SocketAddr> = match self.literal() {
+    pub(super) fn resolve(&self, private: bool) -> Result<Vec<SocketAddr>, String> {
+        let mut addresses: Vec<SocketAddr> = match self.literal() {
             Some(address) => vec![SocketAddr::new(address, self.port)],
             None => (self.host.as_str(), self.port)
                 .to_socket_addrs()
@@ -91,7 +106,11 @@ impl Target {
         if !private && addresses.iter().any(|address| !is_public(address.ip())) {
             return Err(refusal(&self.host));
         }
-        addresses.first().copied().ok_or_else(|| format!("{} has no address", self.host))
+        addresses.truncate(MOST_TRIED);
+        match addresses.is_empty() {
+            true => Err(format!("{} has no address", self.host)),
+            false => Ok(addresses),
+        }
     }
 }
 
@@ -190,12 +209,17 @@ mod tests {
     /// Addresses are taken apart; what could be read in two ways is refused.
     #[test]
     fn targets_are_read() {
-        let read = |url: &str| Target::read(url).map(|t| (t.host.clone(), t.port, t.path));
+        let read = |url: &str| Target::read(url).map(|t| (t.host, t.port, t.path));
+        let secure = Target::read("https://[2001:db8::1]/x").expect("sound");
+        assert!(secure.is_secure() && secure.port == 443 && secure.bare_host() == "2001:db8::1");
+        assert!(Target::read("https://a:8443").is_ok_and(|t| t.port == 8443));
         assert_eq!(read("http://a.example"), Ok(("a.example".into(), 80, "/".into())));
         assert_eq!(read("http://a:81/x?y=1"), Ok(("a".into(), 81, "/x?y=1".into())));
         assert_eq!(read("http://[::1]:5?q"), Ok(("[::1]".into(), 5, "/?q".into())));
         for bad in [
-            "https://a.example/",
+            "https://",
+            "https://u@a.example/",
+            "HTTPS://a.example/",
             "ftp://a",
             "http://",
             "http://a:b/",

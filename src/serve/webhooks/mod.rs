@@ -1,12 +1,14 @@
 //! Messages to those who asked to be told of a job's end, signed as Standard Webhooks 1.0 has it,
 //! tried again with growing pauses.
 //!
-//! *Invariant:* nothing is sent to a private address unless the settings allow it: an address is
-//! looked up once, checked, and that very address is connected to. Redirects are not followed.
+//! *Invariant:* nothing is sent to a private address unless the settings allow it: a name is looked
+//! up once for each attempt, all its addresses are checked, and those very addresses are connected
+//! to; the name only meets the receiver's certificate. Redirects are not followed.
 
 mod address;
 mod post;
 mod sign;
+mod tls;
 
 use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -16,7 +18,9 @@ use super::store::{Delivery, Job, Level};
 use super::{Service, StoreError, recorder};
 
 pub(super) use address::Target;
+use rustls::ClientConfig;
 pub use sign::{BadSecret, Secret};
+pub use tls::{Authorities, BadAuthorities};
 
 /// Between two looks for messages whose time has come.
 const LOOK: Duration = Duration::from_millis(500);
@@ -41,10 +45,15 @@ pub(super) fn check(service: &Service, url: &str) -> Result<(), Problem> {
 /// Delivers messages until the service stops.
 pub(super) fn work(service: &Arc<Service>) {
     let Some(secret) = &service.settings.webhooks.secret else { return };
+    let trust = match tls::config(&service.settings.webhooks.authorities) {
+        Ok(trust) => trust,
+        Err(error) => return tracing::error!(%error, "no message can be sent"),
+    };
+    let sender = Sender { service, secret, trust };
     while !*service.stopping.borrow() {
         match service.store.due() {
             Ok(Some(delivery)) => {
-                if let Err(error) = deliver(service, secret, &delivery) {
+                if let Err(error) = sender.deliver(&delivery) {
                     tracing::error!(%error, "cannot write down a delivery");
                     std::thread::sleep(LOOK);
                 }
@@ -58,31 +67,6 @@ pub(super) fn work(service: &Arc<Service>) {
     }
 }
 
-/// One attempt, and what becomes of the message.
-fn deliver(service: &Service, secret: &Secret, delivery: &Delivery) -> Result<(), StoreError> {
-    let outcome = attempt(service, secret, delivery);
-    let job = service.store.job_by_seq(delivery.job)?;
-    let log = |level, text: &str| match &job {
-        Some(job) => recorder::log(service, job as &Job, level, text),
-        None => tracing::info!(message = delivery.id, "{text}"),
-    };
-    let Err(fault) = outcome else {
-        log(Level::Info, "the webhook took the message");
-        return service.store.settled(delivery.seq);
-    };
-    let pause = PAUSES_S.get(delivery.attempts as usize).filter(|_| !fault.is_final);
-    match pause {
-        Some(&seconds) => {
-            log(Level::Warning, &format!("webhook: {}; again in {seconds} s", fault.text));
-            service.store.put_off(delivery.seq, i64::from(seconds) * 1000)
-        }
-        None => {
-            log(Level::Error, &format!("webhook: {}; given up", fault.text));
-            service.store.settled(delivery.seq)
-        }
-    }
-}
-
 /// Why a message did not arrive.
 struct Fault {
     text: String,
@@ -90,23 +74,59 @@ struct Fault {
     is_final: bool,
 }
 
-fn attempt(service: &Service, secret: &Secret, delivery: &Delivery) -> Result<(), Fault> {
-    let later = |text: String| Fault { text, is_final: false };
-    let target = Target::read(&delivery.url).map_err(|text| Fault { text, is_final: true })?;
-    let address = target.resolve(service.settings.webhooks.private).map_err(later)?;
-    let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
-    let signature = secret.sign(&delivery.id, seconds, delivery.body.as_bytes());
-    let headers = [
-        ("webhook-id", delivery.id.clone()),
-        ("webhook-timestamp", seconds.to_string()),
-        ("webhook-signature", signature),
-    ];
-    let status = post::post(&target, address, &headers, delivery.body.as_bytes())
-        .map_err(|error| later(format!("{}: {error}", target.host())))?;
-    match status {
-        200..=299 => Ok(()),
-        // Gone: the receiver wants no more.
-        410 => Err(Fault { text: "the answer was 410".to_owned(), is_final: true }),
-        other => Err(later(format!("the answer was {other}"))),
+/// What messages are sent with.
+struct Sender<'a> {
+    service: &'a Service,
+    secret: &'a Secret,
+    trust: Arc<ClientConfig>,
+}
+
+impl Sender<'_> {
+    /// One attempt, and what becomes of the message.
+    fn deliver(&self, delivery: &Delivery) -> Result<(), StoreError> {
+        let outcome = self.attempt(delivery);
+        let service = self.service;
+        let job = service.store.job_by_seq(delivery.job)?;
+        let log = |level, text: &str| match &job {
+            Some(job) => recorder::log(service, job as &Job, level, text),
+            None => tracing::info!(message = delivery.id, "{text}"),
+        };
+        let Err(fault) = outcome else {
+            log(Level::Info, "the webhook took the message");
+            return service.store.settled(delivery.seq);
+        };
+        let pause = PAUSES_S.get(delivery.attempts as usize).filter(|_| !fault.is_final);
+        match pause {
+            Some(&seconds) => {
+                log(Level::Warning, &format!("webhook: {}; again in {seconds} s", fault.text));
+                service.store.put_off(delivery.seq, i64::from(seconds) * 1000)
+            }
+            None => {
+                log(Level::Error, &format!("webhook: {}; given up", fault.text));
+                service.store.settled(delivery.seq)
+            }
+        }
+    }
+
+    fn attempt(&self, delivery: &Delivery) -> Result<(), Fault> {
+        let later = |text: String| Fault { text, is_final: false };
+        let target = Target::read(&delivery.url).map_err(|text| Fault { text, is_final: true })?;
+        let addresses = target.resolve(self.service.settings.webhooks.private).map_err(later)?;
+        let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
+        let signature = self.secret.sign(&delivery.id, seconds, delivery.body.as_bytes());
+        let headers = [
+            ("webhook-id", delivery.id.clone()),
+            ("webhook-timestamp", seconds.to_string()),
+            ("webhook-signature", signature),
+        ];
+        let body = delivery.body.as_bytes();
+        let status = post::post(&target, &addresses, &self.trust, &headers, body)
+            .map_err(|error| later(format!("{}: {error}", target.host())))?;
+        match status {
+            200..=299 => Ok(()),
+            // Gone: the receiver wants no more.
+            410 => Err(Fault { text: "the answer was 410".to_owned(), is_final: true }),
+            other => Err(later(format!("the answer was {other}"))),
+        }
     }
 }
