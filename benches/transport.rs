@@ -3,7 +3,8 @@
 //! Bounces: wall time of a bake of one to three bounces over the direct one's, same poses, taken
 //! in turns. Rays: the error of ambient occlusion against a bake of 32,768 rays over the number of
 //! rays, beside plain random rays (whose error follows from the share p that is blocked: p(1−p)/n)
-//! and beside rays that adapt to a stated noise. MH_Male_CMU02 or the character that
+//! and beside rays that adapt to a stated noise; and the slopes of all signals, as `convergence.svg` in the
+//! folder that POSELIGHT_PLOTS names (`target` without). MH_Male_CMU02 or the character that
 //! POSELIGHT_CHARACTER names in the asset folder's `rigged`; where there is none, the bundled figure.
 
 #![expect(clippy::print_stdout, reason = "a benchmark prints its tables")]
@@ -17,6 +18,7 @@ use std::time::Instant;
 use poselight::bake::{
     BakedPose, Baker, Noise, NoiseGoal, PosedMesh, Reflectance, Settings, Signal,
 };
+use poselight::measure::report::{Lines, Series, slopes};
 use poselight::pose::{self, PoseSet};
 use poselight::rig::{self, Deformed};
 use poselight::scene::{self, Limits, Scene, Surface, figure};
@@ -124,9 +126,7 @@ impl Stage<'_> {
             println!("| {rays} | {error:.5} | {claimed:.5} | {:.5} | {same:.0} |", random(rays));
             table.push((rays, error));
         }
-        let (first, last) = (table[0], table[table.len() - 1]);
-        let slope = (last.1 / first.1).ln() / (last.0 / first.0).ln();
-        println!("\nThe error falls as rays to the power of {slope:.2}.");
+        println!("\nThe error falls as rays to the power of {:.2}.", slope(&table));
         let needed = interpolate(&table, random(512.0));
         println!("The RMSE of 512 random rays takes {needed:.0} rays, {:.0} %.\n", needed / 5.12);
         println!(
@@ -137,6 +137,31 @@ impl Stage<'_> {
                 self.to_noise(Noise { target, goal }, &table, &truth);
             }
         }
+        let random = table.iter().map(|&(rays, _)| (rays, random(rays))).collect();
+        self.plot(vec![("ao".into(), table), ("ao by random rays".into(), random)]);
+    }
+
+    /// Errors of the other signals too, with their slopes, as a picture.
+    fn plot(&self, mut series: Vec<Series>) {
+        println!("\n| signal | the error falls as rays to the power of |\n|---|---|");
+        for signal in [Signal::Visibility, Signal::Transfer] {
+            let truth = self.bake(&self.baker(signal, 32_768, 99));
+            let error = |rays: u32| {
+                (f64::from(rays), rmse(&self.bake(&self.baker(signal, rays, 1)), &truth))
+            };
+            let table: Vec<(f64, f64)> = [32, 64, 128, 256, 512, 1024, 2048].map(error).into();
+            println!("| {}, order 6 | {:.2} |", signal.name(), slope(&table));
+            series.push((format!("{}, order 6", signal.name()), table));
+        }
+        for (name, table) in &mut series {
+            *name += &format!(": rays^{:.2}", slope(table));
+        }
+        let (title, x_name) = ("Error of a bake", "rays per point");
+        let lines = Lines { title, x_name, y_name: "RMSE", log_x: true, series: &series };
+        let folder = std::env::var_os("POSELIGHT_PLOTS").map_or("target".into(), PathBuf::from);
+        let file = folder.join("convergence.svg");
+        std::fs::write(&file, slopes(&lines)).unwrap();
+        println!("\n{}", file.display());
     }
 
     fn to_noise(&self, noise: Noise, table: &[(f64, f64)], truth: &[BakedPose]) {
@@ -159,6 +184,12 @@ impl Stage<'_> {
 
 fn settings(signal: Signal, rays: u32, seed: u64) -> Settings {
     Settings { signal, order: Order::new(6).unwrap(), rays, max_distance_m: None, seed }
+}
+
+/// The power of rays that the error goes with, from the first to the last.
+fn slope(table: &[(f64, f64)]) -> f64 {
+    let (first, last) = (table[0], table[table.len() - 1]);
+    (last.1 / first.1).ln() / (last.0 / first.0).ln()
 }
 
 /// Rays at which the table has this error, along straight lines between logarithms.

@@ -6,6 +6,9 @@
 //! that orders the rays, the outline is crossed where consecutive rays differ, so ℓ is counted, not
 //! estimated from a difference of two batches, which for a single number would scatter by its own size.
 //! g is measured on the direction sets themselves, with caps of random size and place as blockers.
+//! What is smaller than a ray's cell is an exception: a pilot rarely meets it, its few crossings then
+//! stand for a longer outline, and until cells resolve it, its variance falls as rays⁻¹ alone. So with the
+//! goal [`NoiseGoal::Each`] the variance behind a count is that of single caps which are met so often.
 //!
 //! ℓ is counted at other points than the one whose number of rays it decides. *Scouts* are points of
 //! which no two are neighbours and of which every other point has one beside it, a quarter to a third of
@@ -20,15 +23,11 @@
 //! *Invariant:* a point's number of rays does not depend on rays of its own estimate (with the goal
 //! `Mean` it does by one part in the number of scouts, through the common price of a ray).
 
-use std::f64::consts::TAU;
-
-use super::kernel::{Scratch, reduce};
 use super::plan::Plan;
 use super::posed::Stage;
 use super::surroundings::NO_POINT;
+use super::trial::{SIZES, SMALL, Trial};
 use super::{Noise, NoiseGoal};
-use crate::num::random::{hash, unit};
-use crate::sh::MAX_COEFFICIENTS;
 
 /// Crossings of the outline that the scouts around a point may have missed, all together: where they
 /// all see the open sky, the point may still see an edge. Chosen for the least rays on three characters.
@@ -37,12 +36,6 @@ const HIDDEN: f64 = 0.5;
 /// What is aimed at, of a target that is a mean: neighbours' outlines scatter, and a point that is
 /// thought of too little of adds more than one that is thought of too much of saves.
 const AIM: f64 = 0.88;
-
-/// Batches that g is measured by, over caps and coefficients together.
-const CAP_BATCHES: usize = 4096;
-
-/// Tells the caps' random numbers from others.
-const CAP_KEY: u64 = 0x63_6170;
 
 /// A number of rays to choose: blocks of a plan's sets, on top of a scout's pilot or alone.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,18 +52,29 @@ pub(super) struct Level {
     units: f64,
     /// Variance of a coefficient for one crossing in a pilot, that pilot included.
     variance: f64,
+    /// The same for small blockers, ascending, and last for large ones: all that they make.
+    of_sizes: [f64; SIZES],
 }
 
 impl Level {
     /// No rays at all.
-    pub(super) const NONE: Self =
-        Self { plan: 0, blocks: 0, rays: 0, weight: 0.0, units: 0.0, variance: 0.0 };
+    pub(super) const NONE: Self = Self {
+        plan: 0,
+        blocks: 0,
+        rays: 0,
+        weight: 0.0,
+        units: 0.0,
+        variance: 0.0,
+        of_sizes: [0.0; SIZES],
+    };
 }
 
 /// Levels from the cheapest to the dearest.
 #[derive(Debug)]
 struct Levels {
     all: Vec<Level>,
+    /// Crossings that a pilot meets of the small blockers, and of the large ones.
+    sizes: [f64; SIZES],
     /// Those that are the cheapest for some outline, and the outline over the price of a ray
     /// from which each is.
     hull: Vec<(usize, f64)>,
@@ -123,6 +127,10 @@ impl Allocation {
             let own = trial.variance * plans[plan].blocks as f64 / blocks_f / of_pilot.crossings;
             let pilot = of_pilot.variance / of_pilot.crossings;
             let weight = if with { pilot / (own + pilot) } else { 1.0 };
+            let of_size = |size: usize| {
+                let own = trial.of_sizes[size] * plans[plan].blocks as f64 / blocks_f;
+                weight * weight * own + (1.0 - weight).powi(2) * of_pilot.of_sizes[size]
+            };
             Level {
                 plan,
                 blocks,
@@ -130,6 +138,7 @@ impl Allocation {
                 weight: weight as f32,
                 units: trial.crossings * blocks_f / of_pilot.crossings,
                 variance: own * weight,
+                of_sizes: std::array::from_fn(of_size),
             }
         };
         let last = plans.len() - 1;
@@ -143,9 +152,13 @@ impl Allocation {
         };
         let mut scouts = table(true);
         let variance = of_pilot.variance / of_pilot.crossings;
-        scouts.insert(0, Level { variance, ..Level::NONE });
+        scouts.insert(0, Level { variance, of_sizes: of_pilot.of_sizes, ..Level::NONE });
         let (is_scout, starts, near) = scouting(stage);
-        let (scouts, others) = (Levels::new(scouts), Levels::new(table(false)));
+        let mut sizes = SMALL.map(|share| 2.0 * share * pilot.rays() as f64).to_vec();
+        sizes.push(of_pilot.crossings);
+        let sizes: [f64; SIZES] = std::array::from_fn(|size| sizes[size]);
+        let of = |all: Vec<Level>| Levels { hull: hull(&all), all, sizes };
+        let (scouts, others) = (of(scouts), of(table(false)));
         Self { noise, scouts, others, is_scout, starts, near }
     }
 
@@ -216,14 +229,25 @@ impl Allocation {
 }
 
 impl Levels {
-    fn new(all: Vec<Level>) -> Self {
-        Self { hull: hull(&all), all }
-    }
-
     /// The cheapest whose variance is at most `square`, or the dearest.
     fn under(&self, length: f64, square: f64) -> usize {
-        let enough = self.all.iter().position(|level| length * level.variance <= square);
+        let enough = self.all.iter().position(|level| self.variance(level, length) <= square);
         enough.unwrap_or(self.all.len() - 1)
+    }
+
+    /// What a level makes of an outline, by the blockers that show so much of theirs to a pilot: straight
+    /// lines between logarithms, and as the outline below and above.
+    fn variance(&self, level: &Level, length: f64) -> f64 {
+        let (sizes, of) = (&self.sizes, &level.of_sizes);
+        let above = sizes.partition_point(|&size| size <= length);
+        if above == 0 {
+            return of[0] * length / sizes[0];
+        }
+        if above == SIZES || of[above - 1] <= 0.0 || of[above] <= 0.0 {
+            return of[above - 1] * length / sizes[above - 1];
+        }
+        let along = (length / sizes[above - 1]).ln() / (sizes[above] / sizes[above - 1]).ln();
+        of[above - 1] * (of[above] / of[above - 1]).powf(along)
     }
 
     /// The one with the least sum of variance and rays at a price.
@@ -258,42 +282,6 @@ fn hull(levels: &[Level]) -> Vec<(usize, f64)> {
         }
     }
     hull
-}
-
-/// What a plan's sets make of caps of random size and place.
-struct Trial {
-    /// Mean number of crossings.
-    crossings: f64,
-    /// Mean variance of a coefficient.
-    variance: f64,
-}
-
-impl Trial {
-    fn of(plan: &Plan) -> Self {
-        let count = plan.coefficients;
-        let caps = (CAP_BATCHES / count).clamp(128, 1024);
-        let mut scratch = Scratch::new(plan);
-        let out = &mut [0.0; MAX_COEFFICIENTS][..count];
-        let (mut crossings, mut squares) = (0.0, 0.0);
-        for cap in 0..caps {
-            let set = plan.directions.set(cap % plan.directions.sets());
-            let number = |axis: u64| unit(hash(&[CAP_KEY, cap as u64, axis]));
-            let (height, azimuth, edge) = (number(0), TAU * number(1), 1.8 * number(2) - 0.9);
-            let radius = (1.0 - height * height).sqrt();
-            let centre = [radius * azimuth.cos(), radius * azimuth.sin(), height];
-            scratch.blocked.fill(0);
-            for (lane, ((&x, &y), &z)) in set.x.iter().zip(set.y).zip(set.z).enumerate() {
-                let along = centre[0] * f64::from(x) + centre[1] * f64::from(y);
-                let inside = along + centre[2] * f64::from(z) > edge;
-                scratch.blocked[lane / 64] |= u64::from(inside) << (lane % 64);
-            }
-            crossings += scratch.crossings(set.x.len());
-            squares += reduce(plan, cap % plan.directions.sets(), &mut scratch, out);
-        }
-        let batches = caps as f64;
-        let variance = squares / (count as f64 * batches * plan.blocks as f64);
-        Self { crossings: crossings / batches, variance }
-    }
 }
 
 /// Which points are scouts, and by which of them each point goes: those up to two edges away.

@@ -33,6 +33,7 @@ pub mod subdivide;
 mod subsurface;
 mod sums;
 mod surroundings;
+mod trial;
 
 pub use adaptive::gain;
 pub use baker::Baker;

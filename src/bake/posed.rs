@@ -143,6 +143,9 @@ impl Posed {
         let origin = |site: &Site| {
             let at = points(site);
             let flat = site.mix(at.map(|point| self.origins[point]));
+            if stage.surroundings.faceted {
+                return flat;
+            }
             let lift = at.map(|point| {
                 let below = (flat - self.origins[point]).dot(self.normals[point]).min(0.0);
                 -below * self.normals[point]

@@ -23,6 +23,9 @@ pub struct Surroundings {
     /// For ambient occlusion with a maximum distance D: what is hit at the distance d takes away
     /// (1 − d/D)^falloff of its direction instead of all of it. `None`: all of it.
     pub falloff: Option<f32>,
+    /// Facets are meant as they are: between vertices rays start on them. Else they start on the smooth
+    /// surface that the vertices' normals mean. At vertices the two are one.
+    pub faceted: bool,
     /// Points that do not see everything. A point may be in one view; others see everything.
     pub views: Vec<View>,
 }

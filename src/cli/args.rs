@@ -217,6 +217,10 @@ pub(crate) struct EvaluateArgs {
     /// Fold a light: an array of f32 coefficients, [n²] or [n², 3], in the root frame.
     #[arg(long, value_name = "LIGHT.npy")]
     pub(crate) light: Option<PathBuf>,
+    /// Bent normals instead, [pose, vertex, 3]: the mean direction of light that comes in unblocked,
+    /// weighted by the cosine; of transfer of order 2 and more.
+    #[arg(long, conflicts_with = "light")]
+    pub(crate) bent_normals: bool,
     /// Where the values go: [pose, vertex, channel, coefficient], or [pose, vertex, colour] under a light.
     #[arg(short, long, value_name = "OUT.npy")]
     pub(crate) output: PathBuf,
@@ -241,6 +245,12 @@ pub(crate) struct ApplyArgs {
     /// cosine, in the root frame; for transfer of order 2 and more.
     #[arg(long)]
     pub(crate) bent_normals: bool,
+    /// The scene of the model's receivers (.glb), whose values go to --receivers-output.
+    #[arg(long, value_name = "SCENE", requires = "receivers_output")]
+    pub(crate) receivers: Option<PathBuf>,
+    /// The GLB to write the receivers to.
+    #[arg(long, value_name = "OUT.glb", requires = "receivers")]
+    pub(crate) receivers_output: Option<PathBuf>,
     /// The GLB to write.
     #[arg(short, long, value_name = "OUT.glb")]
     pub(crate) output: PathBuf,

@@ -26,6 +26,10 @@ pub(crate) struct BakeFlags {
     /// rays in all [default: each].
     #[arg(long, value_name = "GOAL")]
     noise_goal: Option<NoiseGoalArg>,
+    /// Choose rays and training poses by a pilot: the least rays whose noise the fitted model averages
+    /// away, to a twentieth of its mean square error, or of that of --max-error.
+    #[arg(long, conflicts_with_all = ["rays", "noise", "more_rays", "vertex_fit"])]
+    pub(crate) choose_rays: bool,
     /// Metres beyond which nothing occludes; unbounded when absent.
     #[arg(long, value_name = "METRES")]
     max_distance: Option<f32>,

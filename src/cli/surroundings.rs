@@ -2,7 +2,9 @@
 
 use clap::Args;
 
-use crate::pipeline::recipe::surroundings::{GroundRecipe, OccludersRecipe, SurroundingsRecipe};
+use crate::pipeline::recipe::surroundings::{
+    GroundRecipe, OccludersRecipe, ReceiversRecipe, SurroundingsRecipe,
+};
 
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Surroundings")]
@@ -13,6 +15,10 @@ pub(crate) struct SurroundingsFlags {
     /// A scene whose triangles block and get no values; it stands still.
     #[arg(long, value_name = "SCENE")]
     occluders: Option<String>,
+    /// A scene that gets values too and blocks nothing of the character; it keeps its place in the
+    /// character's root frame.
+    #[arg(long, value_name = "SCENE")]
+    receivers: Option<String>,
     /// A node whose meshes, and those below it, block and get no values (may be repeated).
     #[arg(long, value_name = "NODE")]
     occluder_node: Vec<String>,
@@ -28,6 +34,10 @@ pub(crate) struct SurroundingsFlags {
     /// Let rays through the backs of materials that are not double-sided.
     #[arg(long)]
     one_sided: bool,
+    /// With --vertex-fit: start rays on the facets themselves, not on the smooth surface that the normals
+    /// mean (which keeps coarse facets from shadowing one another).
+    #[arg(long, requires = "vertex_fit")]
+    faceted: bool,
     /// Metres below which nothing blocks [default: 0].
     #[arg(long, value_name = "METRES")]
     min_distance: Option<f32>,
@@ -51,6 +61,9 @@ impl SurroundingsFlags {
         if let Some(file) = &self.occluders {
             around.occluders = Some(OccludersRecipe { file: file.clone(), sha256: None });
         }
+        if let Some(file) = &self.receivers {
+            around.receivers = Some(ReceiversRecipe { file: file.clone(), sha256: None });
+        }
         if !self.occluder_node.is_empty() {
             around.occluder_nodes.clone_from(&self.occluder_node);
         }
@@ -63,6 +76,7 @@ impl SurroundingsFlags {
         }
         around.transparency |= self.transparency;
         around.one_sided |= self.one_sided;
+        around.faceted |= self.faceted;
         around.min_distance_m = self.min_distance.or(around.min_distance_m);
         around.falloff = self.falloff.or(around.falloff);
     }

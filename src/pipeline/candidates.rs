@@ -57,7 +57,9 @@ pub fn candidates(base: &Recipe, points: usize, range: Range) -> Vec<CandidateRe
         };
         list.pose_only(frame, suffix, points, range);
     }
-    for spheres in SPHERES {
+    // Spheres are cut from the posed mesh, of which receivers that block nothing are no part.
+    let has_receivers = base.bake.surroundings.receivers.is_some();
+    for spheres in SPHERES.into_iter().filter(|_| !has_receivers) {
         for rest in [None, Some((4, 12)), Some((12, 40))] {
             let (inputs, outputs) = rest.unzip();
             let and = rest.map_or(String::new(), |(i, o)| format!(" and {i}, {o} of the rest"));

@@ -4,7 +4,7 @@ mod bake_fields;
 
 use std::fmt::Display;
 
-use bake_fields::{checked_bake, checked_noise, checked_subsurface};
+use bake_fields::{checked_bake, checked_noise, checked_receivers, checked_subsurface};
 
 use super::recipe::{
     DEFAULT_CLUSTER_RETAINED, DEFAULT_GROUPS, DEFAULT_INPUTS, DEFAULT_OUTPUTS,
@@ -69,6 +69,7 @@ impl Checked {
             recipe.version,
             "this build reads version 1",
         )?;
+        checked_receivers(recipe)?;
         Ok(Self {
             poses: checked_poses(&recipe.poses)?,
             bake: checked_bake(&recipe.bake)?,
@@ -334,6 +335,8 @@ mod tests {
         let goal = Some(NoiseGoalName::Mean);
         assert_eq!(fault(|r| r.bake.noise_goal = goal), "bake.noise_goal");
         assert_eq!(fault(|r| r.bake.vertex_fit = Some(0)), "bake.vertex_fit");
+        let faceted = |r: &mut Recipe| r.bake.surroundings.faceted = true;
+        assert_eq!(fault(faceted), "bake.surroundings.faceted");
         let below = |found| fault(|r| r.bake.subsurface = Some(found));
         let length = |metres| SubsurfaceRecipe {
             mean_free_path_m: Some([metres; 3]),

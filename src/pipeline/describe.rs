@@ -86,7 +86,7 @@ pub(super) fn tables(job: &Job) -> Static {
             bone_rotations: samples.iter().flat_map(|s| s.bone_rotations.clone()).collect(),
         },
         mesh: rest_mesh(job),
-        sources: [&job.scene.sources, job.occluders.sources()].concat(),
+        sources: [&job.scene.sources, job.occluders.sources(), job.receivers.sources()].concat(),
     }
 }
 

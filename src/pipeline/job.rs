@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use super::hash::{self, Hashes};
+use super::receivers::Receivers;
 use super::recipe::{BakeRecipe, DEFAULT_ALBEDO, NoiseGoalName, Recipe};
 use super::surroundings::{self, Occluders};
 use super::{Checked, Error, RecipeError, effective};
@@ -48,6 +49,15 @@ pub(super) fn content(recipe: &Recipe) -> Content {
     Content::Surface { plain: recipe.bake.albedo.unwrap_or(DEFAULT_ALBEDO) }
 }
 
+/// Scenes that stand around the character's, as the recipe names them.
+#[derive(Debug, Clone, Default)]
+pub struct Around {
+    /// What only blocks.
+    pub occluders: Option<Scene>,
+    /// What only receives.
+    pub receivers: Option<Scene>,
+}
+
 /// Everything that a bake needs, checked and resolved.
 #[derive(Debug)]
 pub struct Job {
@@ -55,6 +65,8 @@ pub struct Job {
     pub scene: Scene,
     /// What only blocks.
     pub occluders: Occluders,
+    /// What of the scene's mesh was appended to receive.
+    pub receivers: Receivers,
     /// The recipe with the scene's name and hash filled in.
     pub recipe: Recipe,
     /// The recipe as the stages' settings.
@@ -82,22 +94,34 @@ impl Job {
         // The recipe first: a wrong number should not wait for a large file.
         Checked::new(&recipe)?;
         effective(&recipe)?;
-        let named = recipe.bake.surroundings.occluders.as_ref();
-        let still = named.map(|occluders| import(Path::new(&occluders.file))).transpose()?;
+        let named = &recipe.bake.surroundings;
+        let read = |file: Option<&String>| file.map(|file| import(Path::new(file))).transpose();
+        let occluders = read(named.occluders.as_ref().map(|named| &named.file))?;
+        let receivers = read(named.receivers.as_ref().map(|named| &named.file))?;
         let scene = scene::import_content(path, &Limits::default(), content(&recipe))
             .map_err(|source| Error::Scene { file: path.display().to_string(), source })?;
-        Self::new(scene, still, recipe)
+        Self::among(scene, Around { occluders, receivers }, recipe)
     }
 
     /// Prepares the job of an imported scene, and of the scene that the recipe's occluders name.
     ///
     /// # Errors
     /// What the recipe's check, pose sampling or the surroundings object to.
-    pub fn new(mut scene: Scene, still: Option<Scene>, mut recipe: Recipe) -> Result<Self, Error> {
+    pub fn new(scene: Scene, still: Option<Scene>, recipe: Recipe) -> Result<Self, Error> {
+        Self::among(scene, Around { occluders: still, receivers: None }, recipe)
+    }
+
+    /// As [`Self::new`], with the scene of the recipe's receivers.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn among(mut scene: Scene, around: Around, mut recipe: Recipe) -> Result<Self, Error> {
         let mut checked = Checked::new(&recipe)?;
-        let occluders = Occluders::take(&mut scene, still, &mut recipe)?;
+        Receivers::resolve(&scene, around.receivers.as_ref(), &mut recipe)?;
+        let occluders = Occluders::take(&mut scene, around.occluders, &mut recipe)?;
         checked.poses.root_motion = occluders.root_motion(&scene, &recipe.bake.surroundings);
-        let poses = pose::sample(&scene, &checked.poses)?;
+        let mut poses = pose::sample(&scene, &checked.poses)?;
+        let receivers = Receivers::add(&mut scene, &mut poses, around.receivers);
         deep_enough(checked.subsurface, poses.size_m)?;
         let scene_hash = hash::scene(&scene.sources);
         recipe.scene.file = scene.sources.first().map(|s| s.name.clone()).unwrap_or_default();
@@ -114,6 +138,7 @@ impl Job {
         let mut job = Self {
             scene,
             occluders,
+            receivers,
             recipe,
             checked,
             hashes,
@@ -130,8 +155,10 @@ impl Job {
             job.facets = Some(Facets::new(&rest, &job.scene.mesh.triangles));
         }
         let around = &job.recipe.bake.surroundings;
-        let (resolved, notices) =
-            surroundings::resolve(around, &job.scene.mesh, &job.poses, |pose| job.deformed(pose))?;
+        let character = |pose| job.receivers.without(job.deformed(pose));
+        let mesh = &job.scene.mesh;
+        let (mut resolved, notices) = surroundings::resolve(around, mesh, &job.poses, character)?;
+        job.receivers.hide(&mut resolved.views, &job.poses.points, mesh.triangles.len());
         job.surroundings = resolved;
         job.scene.notices.extend(notices);
         Ok(job)
@@ -158,6 +185,7 @@ impl Job {
         if let Some(facets) = &self.facets {
             facets.apply(&self.scene.mesh.triangles, &mut out);
         }
+        self.receivers.settle(&mut out);
         out
     }
 

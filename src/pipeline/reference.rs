@@ -6,7 +6,7 @@ use std::time::Instant;
 use super::bake::{bake_poses, rays_of};
 use super::progress::{Progress, Stage, Watch};
 use super::recipe::{BakeRecipe, Recipe};
-use super::{Error, Job, ReferenceSettings, hash, job, recipe_of, subset, surroundings};
+use super::{Around, Error, Job, ReferenceSettings, hash, job, recipe_of, subset, surroundings};
 use crate::bake::{self, Baker, Noise};
 use crate::dataset::{Dataset, Reference, ReferenceHeader, ReferencePose};
 use crate::num::random;
@@ -89,10 +89,13 @@ pub(super) fn job_for(dataset: &Dataset, recipe: Recipe) -> Result<Job, Error> {
             Error::Scene { file: dataset.path().join("source").display().to_string(), source }
         })
     };
-    let (own, others) = surroundings::part(dataset.sources()?);
-    let still = if others.is_empty() { None } else { Some(import(others, Content::Shape)?) };
+    let [own, occluders, receivers] = surroundings::part(dataset.sources()?);
+    let other = |sources: Vec<_>| {
+        if sources.is_empty() { Ok(None) } else { import(sources, Content::Shape).map(Some) }
+    };
+    let around = Around { occluders: other(occluders)?, receivers: other(receivers)? };
     let content = job::content(&recipe);
-    Job::new(import(own, content)?, still, recipe)
+    Job::among(import(own, content)?, around, recipe)
 }
 
 fn header(dataset: &Dataset, settings: ReferenceSettings) -> Result<ReferenceHeader, Error> {

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::recipe::Recipe;
 use super::recipe::surroundings::{GroundRecipe, SurroundingsRecipe};
-use super::{Error, hash};
+use super::{Error, hash, receivers};
 use crate::bake::{self, NO_POINT, View};
 use crate::pose::{PoseSet, RootMotion};
 use crate::rig::{self, Deformed, Mesh, Points, Pose, RigidFrame, Skeleton};
@@ -152,12 +152,17 @@ impl Occluders {
     }
 }
 
-/// Splits a data set's sources into the scene's own and the occluders', with their own names.
-pub(super) fn part(sources: Vec<Source>) -> (Vec<Source>, Vec<Source>) {
-    let (others, own): (Vec<_>, Vec<_>) =
-        sources.into_iter().partition(|source| source.name.starts_with(PREFIX));
-    let name = |source: Source| Source { name: source.name[PREFIX.len()..].to_owned(), ..source };
-    (own, others.into_iter().map(name).collect())
+/// Splits a data set's sources into the scene's own, the occluders' and the receivers', with their own
+/// names.
+pub(super) fn part(sources: Vec<Source>) -> [Vec<Source>; 3] {
+    let mut parts = [(); 3].map(|()| Vec::new());
+    for Source { name, bytes } in sources {
+        let prefixes = [PREFIX, receivers::PREFIX];
+        let found = (1..).zip(prefixes).find(|(_, prefix)| name.starts_with(prefix));
+        let (part, prefix) = found.unwrap_or((0, ""));
+        parts[part].push(Source { name: name[prefix.len()..].to_owned(), bytes });
+    }
+    parts
 }
 
 /// Which nodes are among the named ones or below them.
@@ -203,6 +208,7 @@ pub(super) fn resolve(
         ground_m,
         min_distance_m: around.min_distance_m.unwrap_or(0.0),
         falloff: around.falloff,
+        faceted: around.faceted,
         views: views(around, mesh, &poses.points)?,
     };
     Ok((resolved, notices))

@@ -141,6 +141,24 @@ pub struct PoseSet {
 }
 
 impl PoseSet {
+    /// Takes in what was appended to the scene's mesh since: its points, and the turns of the nodes that
+    /// carry it. Poses, parameters and the root's motion are those of before.
+    ///
+    /// # Panics
+    /// If the scene's skeleton is another.
+    pub fn take_in(&mut self, scene: &Scene) {
+        let skeleton = &scene.skeleton;
+        let rest = Pose::rest(skeleton, &scene.mesh.default_weights);
+        let rest_globals = skeleton.globals(&rest.local);
+        self.points = Points::merge(&scene.mesh);
+        self.bones = Bones::dominant(&scene.mesh, &self.points);
+        for sample in &mut self.samples {
+            let globals = skeleton.globals(&sample.pose.local);
+            sample.bone_rotations =
+                bone_rotations(&globals, &rest_globals, sample.root, &self.bones);
+        }
+    }
+
     /// At most so many poses that cover all, farthest apart by their parameters; ascending.
     #[must_use]
     pub fn covering(&self, most: usize) -> Vec<usize> {

@@ -10,6 +10,7 @@
 mod angles;
 mod blend;
 mod bones;
+mod carry;
 mod deform;
 mod facets;
 mod frame;

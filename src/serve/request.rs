@@ -210,10 +210,13 @@ impl JobRequest {
         {
             file.clone_from(only);
         }
-        let named = self.recipe.bake.surroundings.occluders.as_ref().map(|o| &o.file);
+        let around = &self.recipe.bake.surroundings;
+        let named = around.occluders.as_ref().map(|o| &o.file);
+        let received = around.receivers.as_ref().map(|r| &r.file);
         let scene = ("#/recipe/scene/file", &self.recipe.scene.file);
         let occluders = named.map(|file| ("#/recipe/bake/surroundings/occluders/file", file));
-        for (pointer, file) in [Some(scene), occluders].into_iter().flatten() {
+        let receivers = received.map(|file| ("#/recipe/bake/surroundings/receivers/file", file));
+        for (pointer, file) in [Some(scene), occluders, receivers].into_iter().flatten() {
             if !self.assets.contains_key(file) {
                 let known: Vec<&str> = self.assets.keys().map(String::as_str).collect();
                 let fault = format!("`{file}` is none of the job's assets, {}", known.join(", "));
@@ -270,6 +273,9 @@ impl JobRequest {
         let mut recipe = self.recipe.clone();
         if let Some(occluders) = &mut recipe.bake.surroundings.occluders {
             occluders.file = folder.join(&occluders.file).display().to_string();
+        }
+        if let Some(receivers) = &mut recipe.bake.surroundings.receivers {
+            receivers.file = folder.join(&receivers.file).display().to_string();
         }
         Job::open(&self.scene(folder), recipe)
     }

@@ -7,6 +7,7 @@
 //! *Invariant:* pure arithmetic over slices, no allocation except where a matrix is returned.
 
 mod basis;
+mod bent;
 mod hemisphere;
 mod product;
 mod quadrature;
@@ -14,6 +15,7 @@ mod rotation;
 pub mod zonal;
 
 pub use basis::{evaluate, evaluate_f64, evaluate_lanes};
+pub use bent::bent_normal;
 pub use hemisphere::{hemisphere_gram, hemisphere_gram_pole};
 pub use product::TripleProduct;
 pub use quadrature::gauss_legendre;

@@ -48,6 +48,28 @@ fn a_constant_is_kept() {
     assert!(baked[0].noise.iter().all(|&noise| noise == 0.0));
 }
 
+/// The shadow terminator: a coarse sphere with smooth normals means a round one, whose ambient occlusion is 1
+/// everywhere. At its vertices that is so whatever its facets do. Between them rays that start on the facets
+/// meet the facets beside: the fit is some hundredths dark. Rays that start on the surface that the normals
+/// mean (the default) give 1 to 1e-4.
+#[test]
+fn a_coarse_smooth_sphere_is_as_round_as_its_normals() {
+    let body = Body::sphere(1);
+    let settings = settings(Signal::Ao, 256);
+    let least = |baked: &BakedPose| baked.coefficients.iter().copied().fold(1.0, f32::min);
+    assert_eq!(least(&body.bake(&settings, &[0.0])[0]), 1.0, "at the vertices");
+    let fitted = |faceted| {
+        let baker = body.baker(&settings);
+        let around = Surroundings { faceted, ..Surroundings::default() };
+        let baker = baker.within(around).unwrap().fitted(&body.positions, 40).unwrap();
+        baker.bake(&[body.posed(0.0)], &AtomicBool::new(false)).unwrap().swap_remove(0)
+    };
+    let (smooth, faceted) = (fitted(false), fitted(true));
+    assert!(least(&smooth) > 1.0 - 1e-4, "{}", least(&smooth));
+    let mean = faceted.coefficients.iter().sum::<f32>() / faceted.coefficients.len() as f32;
+    assert!((0.9..0.99).contains(&mean), "{mean}");
+}
+
 /// A small roof between the vertices of a coarse floor: vertices sampled at themselves miss it, the
 /// fit shows it; its error over the surface, against a bake of a fine floor, is a
 /// sixth less at least, which is as much as the coarse triangles can show.

@@ -1,7 +1,6 @@
 //! `poselight apply`: a model's values at one pose, written into the scene's own file.
 
 use anyhow::{Context, ensure};
-use glam::Vec3;
 use serde_json::json;
 
 use crate::cli::Answer;
@@ -10,7 +9,8 @@ use crate::model::{Model, Signal};
 use crate::pipeline::{self, EvaluateError, Query, files};
 use crate::pose;
 use crate::rig::Pose;
-use crate::scene::{self, Attribute};
+use crate::scene::{self, Attribute, Scene};
+use crate::sh::bent_normal;
 
 /// 2√π: from a transfer's first coefficient to what ambient light of radiance 1 makes of it.
 const AMBIENT: f32 = 3.544_907_7;
@@ -18,11 +18,14 @@ const AMBIENT: f32 = 3.544_907_7;
 pub(in crate::cli) fn apply(args: &ApplyArgs) -> anyhow::Result<Answer> {
     let model = Model::from_bytes(&files::read(&args.model, super::MOST_MODEL_BYTES)?)?;
     let scene = pipeline::import(&args.scene)?;
+    let receivers = args.receivers.as_deref().map(pipeline::import).transpose()?;
     let vertices = scene.mesh.positions.len();
+    let received = receivers.as_ref().map_or(0, |receivers| receivers.mesh.positions.len());
     let expected = model.header().mesh.vertices as usize;
     ensure!(
-        vertices == expected,
-        "the scene has {vertices} vertices, but the model is of a mesh with {expected}"
+        vertices + received == expected,
+        "the scene has {vertices} vertices and its receivers {received}, but the model is of a mesh \
+         with {expected}"
     );
     let rest = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
     let posed = match &args.clip {
@@ -48,21 +51,39 @@ pub(in crate::cli) fn apply(args: &ApplyArgs) -> anyhow::Result<Answer> {
     if args.bent_normals {
         attributes.push(bent_normals(&model, &values)?);
     }
-    let main = scene.sources.first().context("the scene has no file")?;
-    let glb = scene::attach(&main.bytes, &scene.mesh.parts, &attributes)?;
-    files::publish(&args.output, &glb)?;
+    let mut written = vec![(&args.output, attached(&scene, &attributes, 0)?)];
+    if let (Some(receivers), Some(output)) = (&receivers, &args.receivers_output) {
+        written.push((output, attached(receivers, &attributes, vertices)?));
+    }
+    for (output, glb) in &written {
+        files::publish(output, glb)?;
+    }
     let names: Vec<&str> = attributes.iter().map(|attribute| attribute.name.as_str()).collect();
-    let text = format!(
+    let mut text = format!(
         "{} has {} at {vertices} vertices, root frame",
         args.output.display(),
         names.join(", ")
     );
+    if let Some(output) = &args.receivers_output {
+        text += &format!("; so has {} at {received}", output.display());
+    }
     Ok(Answer::new(text, json!({ "output": args.output, "attributes": names })))
 }
 
-/// `_BENT_NORMAL`: ∫ V (n·ω)₊ ω dω made unit. Band 1 of transfer holds it but for a factor: the
-/// coefficients of y, z and x. The first channel counts; a point without light has no direction, 0.
-fn bent_normals(model: &Model, values: &[f32]) -> anyhow::Result<Attribute> {
+/// The file of a scene whose first vertex is the model's vertex `first`, with its share of the attributes.
+fn attached(scene: &Scene, attributes: &[Attribute], first: usize) -> anyhow::Result<Vec<u8>> {
+    let main = scene.sources.first().context("the scene has no file")?;
+    let own = |attribute: &Attribute| {
+        let (start, count) =
+            (first * attribute.width, scene.mesh.positions.len() * attribute.width);
+        Attribute { values: attribute.values[start..start + count].to_vec(), ..attribute.clone() }
+    };
+    let own: Vec<Attribute> = attributes.iter().map(own).collect();
+    Ok(scene::attach(&main.bytes, &scene.mesh.parts, &own)?)
+}
+
+/// Whether a model's values hold bent normals.
+pub(super) fn bendable(model: &Model) -> anyhow::Result<()> {
     let header = model.header();
     ensure!(
         header.signal == Signal::Transfer && header.coefficients() >= 4,
@@ -70,14 +91,15 @@ fn bent_normals(model: &Model, values: &[f32]) -> anyhow::Result<Attribute> {
         header.signal.name(),
         header.coefficients()
     );
-    let of = |row: &[f32]| bent(row).to_array();
-    let values = values.chunks_exact(header.width()).flat_map(of).collect();
-    Ok(Attribute { name: "_BENT_NORMAL".into(), width: 3, values })
+    Ok(())
 }
 
-/// The direction in a row of coefficients.
-fn bent(row: &[f32]) -> Vec3 {
-    Vec3::new(row[3], row[1], row[2]).normalize_or_zero()
+/// `_BENT_NORMAL`, see [`bent_normal`]. The first channel counts.
+fn bent_normals(model: &Model, values: &[f32]) -> anyhow::Result<Attribute> {
+    bendable(model)?;
+    let of = |row: &[f32]| bent_normal(row).to_array();
+    let values = values.chunks_exact(model.header().width()).flat_map(of).collect();
+    Ok(Attribute { name: "_BENT_NORMAL".into(), width: 3, values })
 }
 
 /// `_AO`, or `_TRANSFER_0`, `_TRANSFER_1`, …: four numbers each of channel after channel, filled up
@@ -115,22 +137,4 @@ fn attributes(model: &Model, values: &[f32], colour: bool) -> Vec<Attribute> {
         attributes.push(Attribute { name: "COLOR_0".into(), width: 3, values });
     }
     attributes
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::sh::{Order, zonal};
-
-    /// The unshadowed transfer of a normal bends to that normal: y₁ = (y, z, x) is taken apart in the
-    /// right order.
-    #[test]
-    fn nothing_blocked_bends_nothing() {
-        let order = Order::new(2).unwrap();
-        let normal = Vec3::new(0.6, -0.48, 0.64);
-        let mut row = [0.0; 4];
-        zonal::rotate(order, &zonal::unshadowed(order), normal, &mut row);
-        assert!((bent(&row) - normal).length() < 1e-5, "{}", bent(&row));
-        assert_eq!(bent(&[0.0; 4]), Vec3::ZERO);
-    }
 }

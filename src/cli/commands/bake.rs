@@ -1,16 +1,22 @@
 //! `poselight bake`: a data set from a scene, or the cost of one.
 
+use std::path::Path;
+
 use serde_json::{Value, json};
 
 use crate::cli::args::BakeArgs;
 use crate::cli::{Answer, units};
-use crate::pipeline::{self, Baked, Job, Plan, Watch};
+use crate::pipeline::recipe::Recipe;
+use crate::pipeline::{self, Baked, Job, Plan, Planned, Watch};
 
 pub(in crate::cli) fn bake(args: &BakeArgs, watch: &Watch) -> anyhow::Result<Answer> {
     let mut recipe = super::start(&args.recipe)?;
     args.poses.edit(&mut recipe);
     args.bake.edit(&mut recipe)?;
+    let chosen =
+        choose_rays(args.bake.choose_rays, (&args.scene, &args.output), &mut recipe, watch)?;
     let mut job = Job::open(&args.scene, recipe)?;
+    job.scene.notices.extend(chosen);
     if args.dry_run {
         pipeline::check_place(&job, &args.output)?;
         tell_buried(&mut job)?;
@@ -22,6 +28,31 @@ pub(in crate::cli) fn bake(args: &BakeArgs, watch: &Watch) -> anyhow::Result<Ans
     let text = format!("{}\n{}", args.output.display(), summary(&job, &baked));
     let json = json!({ "dataset": args.output, "bake": figures(&job, &baked), "notices": pipeline::notices(&job) });
     Ok(Answer::new(text, json))
+}
+
+/// Has a pilot beside the output choose rays and poses where that is asked for; says what it found.
+pub(super) fn choose_rays(
+    asked: bool,
+    (scene, output): (&Path, &Path),
+    recipe: &mut Recipe,
+    watch: &Watch,
+) -> anyhow::Result<Option<String>> {
+    if !asked {
+        return Ok(None);
+    }
+    let mut pilot = output.as_os_str().to_owned();
+    pilot.push(".pilot");
+    let open = |recipe| Job::open(scene, recipe);
+    let plan = pipeline::plan_rays(open, recipe, Path::new(&pilot), watch)?;
+    plan.edit(recipe);
+    let say = |c: &Planned| {
+        let Planned { poses, error, noise, rays } = c;
+        format!("{poses} poses of {rays} rays (error {error:.4}, noise {noise:.4})")
+    };
+    let all: Vec<String> = plan.choices.iter().map(say).collect();
+    let rays = units::count(plan.pilot_rays);
+    let chosen = say(&plan.choices[plan.chosen]);
+    Ok(Some(format!("a pilot of {rays} rays chose {chosen} among {}", all.join("; "))))
 }
 
 /// Adds what lies inside other geometry to the notices.

@@ -10,6 +10,7 @@ use crate::cli::{Answer, files as arrays};
 use crate::model::Model;
 use crate::pipeline::{self, Light, Query};
 use crate::rig::Pose;
+use crate::sh::bent_normal;
 
 pub(in crate::cli) fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Answer> {
     let model = super::read_model(&args.model)?.0;
@@ -27,7 +28,13 @@ pub(in crate::cli) fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Answer> {
         furthest = (furthest.0.max(distance.mahalanobis), furthest.1.max(distance.residual));
         outside = outside.max(query.values(&model, light.as_ref(), None, &mut values)?);
     }
-    let shape = shape(&model, queries.len(), light.as_ref());
+    let mut shape = shape(&model, queries.len(), light.as_ref());
+    if args.bent_normals {
+        super::apply::bendable(&model)?;
+        let of = |row: &[f32]| bent_normal(row).to_array();
+        values = values.chunks_exact(model.header().width()).flat_map(of).collect();
+        shape = vec![shape[0], shape[1], 3];
+    }
     arrays::write_npy(&args.output, &shape, &values)?;
     let turned = queries.iter().all(|query| query.is_turned(&model));
     let frame = if turned { "root" } else { "bone" };

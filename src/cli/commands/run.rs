@@ -12,7 +12,10 @@ pub(in crate::cli) fn run(args: &RunArgs, watch: &Watch) -> anyhow::Result<Answe
     args.bake.edit(&mut recipe)?;
     args.fit.edit(&mut recipe);
     args.measure.edit(&mut recipe);
-    let job = Job::open(&args.scene, recipe)?;
+    let places = (args.scene.as_path(), args.output.as_path());
+    let chosen = super::bake::choose_rays(args.bake.choose_rays, places, &mut recipe, watch)?;
+    let mut job = Job::open(&args.scene, recipe)?;
+    job.scene.notices.extend(chosen);
     if args.dry_run {
         pipeline::check_place(&job, &args.output.join(pipeline::DATASET))?;
         return Ok(super::bake::planned(&job, &pipeline::plan(&job)?, true));

@@ -25,8 +25,18 @@ pub struct Lines<'a> {
 /// The picture as an SVG file; the vertical axis starts at 0.
 #[must_use]
 pub fn lines(lines: &Lines<'_>) -> String {
-    let finite =
-        |p: &&(f64, f64)| p.0.is_finite() && p.1.is_finite() && (!lines.log_x || p.0 > 0.0);
+    drawn(lines, false)
+}
+
+/// The same with equal ratios on the vertical axis, for slopes; what is not positive is not drawn.
+#[must_use]
+pub fn slopes(lines: &Lines<'_>) -> String {
+    drawn(lines, true)
+}
+
+fn drawn(lines: &Lines<'_>, log_y: bool) -> String {
+    let positive = |p: &(f64, f64)| (!lines.log_x || p.0 > 0.0) && (!log_y || p.1 > 0.0);
+    let finite = |p: &&(f64, f64)| p.0.is_finite() && p.1.is_finite() && positive(p);
     let all = || lines.series.iter().flat_map(|(_, points)| points.iter().filter(finite));
     let low = all().map(|p| p.0).fold(f64::INFINITY, f64::min);
     let high = all().map(|p| p.0).fold(f64::NEG_INFINITY, f64::max);
@@ -36,7 +46,9 @@ pub fn lines(lines: &Lines<'_>) -> String {
         (true, true) => Axis::log(low / 1.1, high * 1.1),
         (true, false) => Axis::linear(low, high),
     };
-    let mut plot = Plot::new("study", (960.0, 420.0), (x, Axis::from_zero(top * 1.04)));
+    let bottom = all().map(|p| p.1).fold(top, f64::min);
+    let y = if log_y { Axis::log(bottom / 1.1, top * 1.1) } else { Axis::from_zero(top * 1.04) };
+    let mut plot = Plot::new("study", (960.0, 420.0), (x, y));
     plot.grid(lines.x_name, lines.y_name);
     for (i, (name, points)) in lines.series.iter().enumerate() {
         let colour = i % COLOURS.len();
@@ -71,5 +83,9 @@ mod tests {
         assert_eq!(circles(&draw(true, &series)), 3 + 2);
         assert!(draw(true, &series).contains("a&lt;b") && !draw(true, &series).contains("NaN"));
         assert!(!draw(true, &[]).contains("NaN") && !draw(false, &[]).contains("inf"));
+        let with = |series| Lines { title: "t", x_name: "x", y_name: "y", log_x: true, series };
+        let zero = [series.clone(), vec![("d".to_owned(), vec![(3.0, 0.0)])]].concat();
+        assert_eq!(circles(&slopes(&with(&zero))), 3 + 3, "what has no logarithm is only named");
+        assert!(!slopes(&with(&[])).contains("NaN"));
     }
 }

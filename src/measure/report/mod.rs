@@ -22,7 +22,7 @@ pub use input::{
     Character, ClipFacts, LeftOut, ModelFacts, Phase, ReportInput, RestMesh, Spectrum, Target,
     Times,
 };
-pub use lines::{Lines, Series, lines};
+pub use lines::{Lines, Series, lines, slopes};
 pub use scatter::{Place, Scatter, scatter};
 pub use stills::ReportStill;
 

@@ -4,7 +4,7 @@ use super::{RecipeError, error, require};
 use crate::bake;
 use crate::pipeline::recipe::subsurface::DEFAULT_REFRACTIVE_INDEX;
 use crate::pipeline::recipe::surroundings::GroundRecipe;
-use crate::pipeline::recipe::{BakeRecipe, NoiseGoalName, SignalName};
+use crate::pipeline::recipe::{BakeRecipe, FamilyName, NoiseGoalName, Recipe, SignalName};
 use crate::sh::Order;
 
 pub(super) fn checked_bake(recipe: &BakeRecipe) -> Result<bake::Settings, RecipeError> {
@@ -55,11 +55,23 @@ pub(super) fn checked_noise(recipe: &BakeRecipe) -> Result<Option<bake::Noise>, 
 }
 
 fn checked_fitting(recipe: &BakeRecipe) -> Result<(), RecipeError> {
+    let faceted = recipe.surroundings.faceted;
+    let expected = "it means nothing without a vertex fit: at vertices facets and surface are one";
+    let field = "bake.surroundings.faceted";
+    require(!faceted || recipe.vertex_fit.is_some(), field, faceted, expected)?;
     let Some(samples) = recipe.vertex_fit else { return Ok(()) };
     let (field, sound) = ("bake.vertex_fit", (1..=bake::MOST_SITES).contains(&samples));
     require(sound, field, samples, "it must be 1 to 1024 samples per vertex")?;
     let alone = recipe.bounces == 0 && recipe.noise.is_none();
     require(alone, field, samples, "it takes neither bounces nor a target noise")
+}
+
+/// What looks at the posed mesh would take receivers for a part of the character.
+pub(super) fn checked_receivers(recipe: &Recipe) -> Result<(), RecipeError> {
+    let looks = recipe.fit.family == FamilyName::Occluder || recipe.fit.unshadowed == Some(true);
+    let sound = !looks || recipe.bake.surroundings.receivers.is_none();
+    let expected = "models that look at the posed mesh, `occluder` and `unshadowed`, take none";
+    require(sound, "bake.surroundings.receivers", "given", expected)
 }
 
 pub(super) fn checked_subsurface(

@@ -15,6 +15,10 @@ pub struct SurroundingsRecipe {
     /// of the character's motion.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub occluders: Option<OccludersRecipe>,
+    /// A scene that gets values, and blocks nothing of the character: what the character casts its
+    /// shadow on. It keeps its place in the character's root frame.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub receivers: Option<ReceiversRecipe>,
     /// Nodes of the scene that block, with all below them, and get no values. Where one does not
     /// hang below the character's root, nothing is taken out of the character's motion.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -32,6 +36,10 @@ pub struct SurroundingsRecipe {
     /// Materials that are not double-sided block from their front alone; else both sides block.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub one_sided: bool,
+    /// With `vertex_fit`: the facets are the surface that is meant. Else rays between vertices start on the
+    /// smooth surface that the vertices' normals mean, so that coarse facets do not shadow one another.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub faceted: bool,
     /// Metres below which nothing blocks; 0 when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub min_distance_m: Option<f32>,
@@ -54,6 +62,18 @@ pub enum GroundRecipe {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct OccludersRecipe {
+    /// File name of a `.glb`, `.gltf` or `.obj`; in a stored recipe only the name remains.
+    pub file: String,
+    /// SHA-256 over its files, in hexadecimal; filled in when the recipe is resolved.
+    pub sha256: Option<String>,
+}
+
+/// A scene that receives shadows. It moves with the character as far as the character's motion is taken
+/// out: with all of it where nothing stands around, with walking and turning on level ground, and not at
+/// all beside occluders that stand still.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ReceiversRecipe {
     /// File name of a `.glb`, `.gltf` or `.obj`; in a stored recipe only the name remains.
     pub file: String,
     /// SHA-256 over its files, in hexadecimal; filled in when the recipe is resolved.

@@ -1,0 +1,146 @@
+use std::sync::atomic::AtomicBool;
+
+use super::*;
+use crate::dataset::Dataset;
+use crate::pipeline::recipe::SignalName;
+use crate::pipeline::recipe::surroundings::{GroundRecipe, OccludersRecipe};
+use crate::pipeline::{Around, Job, Watch, bake, fit, job_of};
+use crate::pose::RootMotion;
+use crate::scene::{self, Limits, figure};
+
+fn import(name: &str, bytes: Vec<u8>) -> Scene {
+    let source = Source { name: name.into(), bytes };
+    scene::import_sources(vec![source], &Limits::default()).unwrap()
+}
+
+fn character() -> Scene {
+    import("figure.glb", figure::figure())
+}
+
+/// A level patch under the figure's feet, and a far corner of it.
+fn patch() -> Scene {
+    let mut text = String::new();
+    for i in 0..5 {
+        for j in 0..5 {
+            text += &format!("v {} 0 {}\n", 0.25 * f64::from(i) - 0.5, 0.25 * f64::from(j) - 0.5);
+        }
+    }
+    for i in 0..4 {
+        for j in 0..4 {
+            let a = 5 * i + j + 1;
+            text += &format!("f {} {} {} {}\n", a, a + 1, a + 6, a + 5);
+        }
+    }
+    text += "v 40 0 0\nv 40 0 1\nv 41 0 1\nf 26 27 28\n";
+    import("patch.obj", text.into())
+}
+
+fn recipe() -> Recipe {
+    let mut recipe = Recipe::default();
+    recipe.poses.clips = Some(vec!["walk".into(), "wave".into()]);
+    recipe.poses.rate_hz = 3.0;
+    recipe.bake.signal = SignalName::Ao;
+    recipe.bake.rays = 64;
+    recipe
+}
+
+fn receiving(mut recipe: Recipe, occluders: Option<Scene>) -> Result<Job, Error> {
+    let named = ReceiversRecipe { file: "patch.obj".into(), sha256: None };
+    recipe.bake.surroundings.receivers = Some(named);
+    let around = Around { occluders, receivers: Some(patch()) };
+    Job::among(character(), around, recipe)
+}
+
+fn values(job: &Job, path: &std::path::Path) -> Vec<f32> {
+    let (cancelled, report) = (AtomicBool::new(false), |_: crate::pipeline::Progress| ());
+    let watch = Watch { cancelled: &cancelled, report: &report };
+    bake(job, path, &watch).unwrap();
+    let dataset = Dataset::open(path).unwrap();
+    let layout = dataset.header().layout;
+    let poses: Vec<usize> = (0..layout.poses).collect();
+    let mut values = vec![0.0; layout.poses * layout.points * layout.row()];
+    dataset.read_points(&poses, 0..layout.points, &mut values).unwrap();
+    values
+}
+
+/// A patch under the figure changes no pose, no parameter and none of the figure's own values, but for
+/// rays that just pass an edge: the tracer's unit is the size of everything. The feet darken it, a corner 40 m away stays open in every pose; and the data set carries it, so that its
+/// job, and a model that is fitted to it, have the patch again.
+#[test]
+fn receivers_receive_and_change_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let alone = Job::new(character(), None, recipe()).unwrap();
+    let with = receiving(recipe(), None).unwrap();
+    assert_eq!(with.poses.parameters, alone.poses.parameters);
+    assert_eq!(with.poses.root_motion, RootMotion::Rigid);
+    let own = alone.poses.points.count();
+    let all = with.poses.points.count();
+    assert_eq!(all, own + 28);
+    let before = values(&alone, &folder.path().join("alone"));
+    let path = folder.path().join("with");
+    let after = values(&with, &path);
+    let poses = with.poses.samples.len();
+    for pose in 0..poses {
+        let row = &after[pose * all..(pose + 1) * all];
+        let pairs = row[..own].iter().zip(&before[pose * own..(pose + 1) * own]);
+        let off: Vec<f32> = pairs.map(|(a, b)| (a - b).abs()).filter(|&off| off > 0.0).collect();
+        assert!(off.len() * 50 < own && off.iter().all(|&off| off <= 4.0 / 64.0), "{off:?}");
+        assert!(row[own..own + 25].iter().any(|&ao| ao < 0.85), "pose {pose}: {:?}", &row[own..]);
+        assert!(row[own + 25..].iter().all(|&ao| ao > 0.999), "pose {pose}: {:?}", &row[own..]);
+    }
+    let dataset = Dataset::open(&path).unwrap();
+    let again = job_of(&dataset).unwrap();
+    assert_eq!(again.hashes, with.hashes);
+    assert_eq!(again.deformed(1), with.deformed(1));
+    let model = fit(&dataset, &with.recipe).unwrap().model;
+    assert_eq!(model.header().mesh.vertices as usize, with.scene.mesh.positions.len());
+}
+
+/// The patch keeps its place in whatever frame the bake is in: the character's own, one that stays level
+/// over ground, or the scene's beside an occluder that stands still, where a walk is a parameter. Ground
+/// at the lowest point is that of the character, not of the patch.
+#[test]
+fn receivers_stand_in_the_frame_that_is_left() {
+    let place = |job: &Job| {
+        let first = job.scene.mesh.positions.len() - 28;
+        let of = |pose: usize| job.deformed(pose).positions[first..].to_vec();
+        let rest = of(0);
+        assert!((1..job.poses.samples.len()).all(|pose| of(pose) == rest));
+        assert_eq!(rest[25], glam::Vec3::new(40.0, 0.0, 0.0));
+    };
+    let free = receiving(recipe(), None).unwrap();
+    place(&free);
+    let mut level = recipe();
+    level.bake.surroundings.ground = Some(GroundRecipe::Lowest);
+    let alone = Job::new(character(), None, level.clone()).unwrap();
+    let level = receiving(level, None).unwrap();
+    place(&level);
+    assert_eq!(level.poses.root_motion, RootMotion::Upright);
+    assert_eq!(level.surroundings.ground_m, alone.surroundings.ground_m);
+    let mut fixed = recipe();
+    let wall = import("wall.obj", "v 9 0 -5\nv 9 0 5\nv 9 9 5\nf 1 2 3\n".into());
+    let named = OccludersRecipe { file: "wall.obj".into(), sha256: None };
+    fixed.bake.surroundings.occluders = Some(named);
+    let fixed = receiving(fixed, Some(wall)).unwrap();
+    place(&fixed);
+    assert_eq!(fixed.poses.root_motion, RootMotion::Fixed);
+    assert!(fixed.poses.parametrisation.columns.len() > free.poses.parametrisation.columns.len());
+}
+
+/// The scene itself, a file that was not read, and one that nobody named are refused by what is wrong;
+/// so is a family that would cut spheres from the patch.
+#[test]
+fn nonsense_is_refused() {
+    let mut named = recipe();
+    let itself = ReceiversRecipe { file: "figure.glb".into(), sha256: None };
+    named.bake.surroundings.receivers = Some(itself);
+    let among = |receivers, recipe| {
+        let around = Around { occluders: None, receivers };
+        Job::among(character(), around, recipe).expect_err("must be refused").to_string()
+    };
+    assert!(among(Some(character()), named.clone()).contains("the scene itself"));
+    assert!(among(None, named.clone()).contains("was not read"));
+    assert!(among(Some(patch()), recipe()).contains("does not name"));
+    named.fit.family = crate::pipeline::recipe::FamilyName::Occluder;
+    assert!(among(Some(patch()), named).contains("bake.surroundings.receivers"));
+}
