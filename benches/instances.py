@@ -1,7 +1,7 @@
 """What would instances of the tracer save? Many copies of one mesh, by EXT_mesh_gpu_instancing.
 
 usage: instances.py [POSELIGHT] [COPIES ...]
-Bakes ambient occlusion of so many copies of a sphere of 1,280 triangles (64 rays a point), and of a plane
+Bakes ambient occlusion of so many copies of a sphere of 512 triangles (64 rays a point), and of a plane
 beneath that many which only block (`--occluders`), and prints peak memory and rays per second of the process.
 poselight gives every copy its own triangles. Beside it, where Mitsuba 3 is installed (its LLVM variant traces
 by Embree too), the same spheres once as triangles of their own and once as instances of one: memory of the
@@ -17,7 +17,7 @@ import tempfile
 import time
 
 poselight = sys.argv[1] if len(sys.argv) > 1 else "target/release/poselight"
-counts = [int(word) for word in sys.argv[2:]] or [100, 1000]
+counts = [int(word) for word in sys.argv[2:] if word.isdigit()] or [100, 1000]
 
 
 def sphere(levels=3):

@@ -1,0 +1,119 @@
+//! A model's values written back, with the real binary: a character and the patch of floor that receives its
+//! shadow, each in its own file; bent normals as an attribute and as an array.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use serde_json::{Value, json};
+
+fn run(folder: &Path, words: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_poselight"));
+    command.args(words).current_dir(folder).output().expect("started")
+}
+
+fn succeed(folder: &Path, words: &[&str]) {
+    let output = run(folder, words);
+    assert!(output.status.success(), "{words:?}: {}", String::from_utf8_lossy(&output.stderr));
+}
+
+/// A level square of four vertices as a GLB, with something in `extras` that nobody reads.
+fn patch() -> Vec<u8> {
+    let corners = [[-1.0_f32, 0.0, -1.0], [-1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 0.0, -1.0]];
+    let numbers = corners.iter().flatten().chain([[0.0, 1.0, 0.0]; 4].iter().flatten());
+    let mut binary: Vec<u8> = numbers.flat_map(|x: &f32| x.to_le_bytes()).collect();
+    binary.extend([0_u16, 1, 2, 0, 2, 3].iter().flat_map(|i| i.to_le_bytes()));
+    let vectors =
+        |view: u32| json!({"bufferView": view, "componentType": 5126, "count": 4, "type": "VEC3"});
+    let mut positions = vectors(0);
+    positions["min"] = json!([-1.0, 0.0, -1.0]);
+    positions["max"] = json!([1.0, 0.0, 1.0]);
+    let document = json!({
+        "asset": {"version": "2.0"},
+        "extras": {"kept": [1, 2, 3]},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "name": "floor"}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "NORMAL": 1}, "indices": 2}]}],
+        "accessors": [
+            positions,
+            vectors(1),
+            {"bufferView": 2, "componentType": 5123, "count": 6, "type": "SCALAR"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 48},
+            {"buffer": 0, "byteOffset": 48, "byteLength": 48},
+            {"buffer": 0, "byteOffset": 96, "byteLength": 12},
+        ],
+        "buffers": [{"byteLength": binary.len()}],
+    });
+    let mut text = document.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let length = |bytes: usize| (bytes as u32).to_le_bytes();
+    let mut glb = [b"glTF".as_slice(), &2_u32.to_le_bytes()].concat();
+    glb.extend(length(28 + text.len() + binary.len()));
+    glb.extend([&length(text.len()), b"JSON".as_slice(), &text].concat());
+    glb.extend([&length(binary.len()), b"BIN\0".as_slice(), &binary].concat());
+    glb
+}
+
+/// The JSON of a GLB.
+fn document(path: &Path) -> Value {
+    let bytes = fs::read(path).expect("written");
+    let length = u32::from_le_bytes(bytes[12..16].try_into().expect("four bytes")) as usize;
+    serde_json::from_slice(&bytes[20..20 + length]).expect("JSON")
+}
+
+/// The numbers of elements of an attribute over all primitives.
+fn elements(document: &Value, attribute: &str) -> Vec<u64> {
+    let meshes = document["meshes"].as_array().expect("meshes").iter();
+    let primitives = meshes.flat_map(|mesh| mesh["primitives"].as_array().expect("primitives"));
+    let held = primitives.map(|primitive| primitive["attributes"][attribute].as_u64());
+    let held: Vec<u64> = held.map(|accessor| accessor.expect("every primitive has it")).collect();
+    held.iter()
+        .map(|&at| document["accessors"][at as usize]["count"].as_u64().expect("a count"))
+        .collect()
+}
+
+/// The character's file and the patch's each get the model's values at their own vertices, and keep what else
+/// they hold; without the patch the model is of another mesh, and says so; bent normals of both come out of
+/// evaluation as unit vectors.
+#[test]
+fn each_file_gets_its_own_values() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    fs::write(folder.join("floor.glb"), patch()).expect("written");
+    succeed(folder, &["sample", "figure", "-o", "figure.glb"]);
+    let bake = ["bake", "figure.glb", "-o", "d.zarr", "--signal", "transfer", "--order", "2"];
+    let few = ["--rays", "8", "--clip", "walk", "--fps", "2", "--receivers", "floor.glb"];
+    succeed(folder, &[&bake[..], &few].concat());
+    succeed(folder, &["fit", "d.zarr", "-o", "m.safetensors", "--family", "linear"]);
+    let apply = ["apply", "m.safetensors", "figure.glb", "--clip", "walk", "-o", "lit.glb"];
+    let refused = run(folder, &apply);
+    let told = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(!refused.status.success() && told.contains("receivers 0"), "{told}");
+    let more =
+        ["--receivers", "floor.glb", "--receivers-output", "lit-floor.glb", "--bent-normals"];
+    succeed(folder, &[&apply[..], &more].concat());
+    let character = document(&folder.join("lit.glb"));
+    let floor = document(&folder.join("lit-floor.glb"));
+    assert_eq!(floor["extras"], json!({"kept": [1, 2, 3]}));
+    for attribute in ["_TRANSFER_0", "_BENT_NORMAL"] {
+        assert_eq!(elements(&floor, attribute), [4]);
+        assert_eq!(elements(&character, attribute), elements(&character, "POSITION"));
+    }
+    let evaluate = ["evaluate", "m.safetensors", "--scene", "figure.glb", "--bent-normals"];
+    succeed(folder, &[&evaluate[..], &["-o", "bent.npy"]].concat());
+    let bytes = fs::read(folder.join("bent.npy")).expect("written");
+    let vertices = elements(&character, "POSITION").iter().sum::<u64>() as usize + 4;
+    let shape = format!("(1, {vertices}, 3");
+    let header = String::from_utf8_lossy(&bytes[..128]).into_owned();
+    assert!(header.contains(&shape), "{header} is not {shape}");
+    let floats = bytes[bytes.len() - 48..].chunks_exact(4);
+    let floats: Vec<f32> =
+        floats.map(|four| f32::from_le_bytes(four.try_into().expect("four"))).collect();
+    for bent in floats.chunks_exact(3) {
+        let length = bent.iter().map(|x| x * x).sum::<f32>().sqrt();
+        assert!((length - 1.0).abs() < 1e-4 && bent[1] > 0.8, "{bent:?}");
+    }
+}
