@@ -14,7 +14,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use super::measure::predict;
-use super::recipe::Recipe;
+use super::recipe::{OnName, Recipe};
 use super::{Error, Job, RecipeError, Watch, bake, encoding, fit_part};
 use crate::bake::gain;
 use crate::dataset::Dataset;
@@ -159,7 +159,12 @@ impl Pilot {
         let noise = self.noise(&training)?;
         let count = training.len();
         let mut choices = Vec::new();
-        for share in [4, 2, 1] {
+        // Motion that is trained on is served by every pose of it.
+        let shares: &[usize] = match recipe.target.on {
+            OnName::Trained => &[1],
+            OnName::Novel => &[4, 2, 1],
+        };
+        for &share in shares {
             let poses = count.div_ceil(share);
             let noise = noise * count as f64 / poses as f64;
             if let Some(square) = self.left_out(&training, share)? {
