@@ -13,6 +13,10 @@ mod grpc;
 mod hostile;
 #[path = "serve/kinds.rs"]
 mod kinds;
+#[path = "serve/limits.rs"]
+mod limits;
+#[path = "serve/posed.rs"]
+mod posed;
 #[path = "serve/scenes.rs"]
 mod scenes;
 #[path = "serve/soak.rs"]

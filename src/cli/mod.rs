@@ -154,13 +154,13 @@ fn run(command: Command, watch: &Watch) -> anyhow::Result<Answer> {
     }
 }
 
-/// The first Ctrl-C stops at the next block, the second at once.
+/// The first Ctrl-C or SIGTERM stops at the next block, the second at once.
 fn listen() {
     let handler = || {
         if STOP.swap(true, Ordering::Relaxed) {
             std::process::exit(130);
         }
-        let _ = writeln!(std::io::stderr(), "\nstopping; press Ctrl-C again to stop at once");
+        let _ = writeln!(std::io::stderr(), "\nstopping; a second Ctrl-C or SIGTERM stops at once");
     };
     // Without a handler Ctrl-C still ends the process, and what is committed stays sound.
     let _ = ctrlc::set_handler(handler);

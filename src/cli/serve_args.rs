@@ -60,7 +60,7 @@ pub(crate) struct ServeArgs {
     /// Time for a request that is no upload, download or stream.
     #[arg(long, value_name = "SECONDS", env = "POSELIGHT_REQUEST_TIMEOUT", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) request_timeout: u32,
-    /// Time that an upload may pause.
+    /// Time that an upload may pause, and that a client may take nothing of what it is sent.
     #[arg(long, value_name = "SECONDS", env = "POSELIGHT_IDLE_TIMEOUT", default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) idle_timeout: u32,
     /// File with the secret, `whsec_` and base64, that messages to webhooks are signed with; without

@@ -89,6 +89,30 @@ mod tests {
         Ok(words.iter().map(|word| word.to_string_lossy().into_owned()).collect())
     }
 
+    /// Every setting of the service is a flag, an environment variable and a name in the file, and
+    /// `--help` says what it is.
+    #[test]
+    fn each_setting_has_three_ways() {
+        let command = Cli::command();
+        let serve = command.find_subcommand("serve").expect("a command");
+        let known: Vec<&Arg> = serve.get_arguments().collect();
+        let path = Path::new("settings.json");
+        let settings = known
+            .iter()
+            .filter(|arg| !["config", "check", "help"].contains(&arg.get_id().as_str()));
+        for arg in settings.filter(|arg| !arg.is_global_set()) {
+            let name = arg.get_long().expect("a flag");
+            let variable = format!("POSELIGHT_{}", name.replace('-', "_").to_uppercase());
+            let own = arg.get_env().and_then(|own| own.to_str()).expect(name);
+            assert!(own.starts_with(&variable), "{name}: {own}");
+            assert!(arg.get_help().is_some(), "{name} is not explained");
+            let switch = !arg.get_action().takes_values();
+            let value = if switch { Value::Bool(true) } else { Value::from(1) };
+            let flag = word(path, &known, name, &value).expect(name).expect("a flag");
+            assert!(flag.to_string_lossy().starts_with(&format!("--{name}")), "{flag:?}");
+        }
+    }
+
     /// What the file says comes before what is typed, so that the latter wins; what is no setting is
     /// named.
     #[test]

@@ -4,7 +4,7 @@ use super::evaluate_posed::surface;
 use crate::model::{self, Distance, Folded, Frame, JointPose, Model, PosedInput, Signal, Surface};
 use crate::pose;
 use crate::rig::{Deformed, Pose, RigidFrame};
-use crate::scene::Scene;
+use crate::scene::{Clip, Scene};
 
 fn known_clips(known: &[String]) -> String {
     match known {
@@ -136,13 +136,26 @@ impl Query {
         name: &str,
         times_s: impl IntoIterator<Item = f32>,
     ) -> Result<Vec<Self>, EvaluateError> {
-        let clip = scene.clips.iter().find(|clip| clip.name == name).ok_or_else(|| {
-            let known = scene.clips.iter().map(|clip| clip.name.clone()).collect();
-            EvaluateError::Clip { name: name.to_owned(), known }
-        })?;
+        let clip = find_clip(scene, name)?;
+        times_s.into_iter().map(|time_s| Self::at(model, scene, clip, time_s)).collect()
+    }
+
+    /// The pose of a scene's clip at one time, seconds on the clip's own clock.
+    ///
+    /// # Errors
+    /// As [`Query::from_clip`].
+    pub fn of_clip(
+        model: &Model,
+        scene: &Scene,
+        name: &str,
+        time_s: f32,
+    ) -> Result<Self, EvaluateError> {
+        Self::at(model, scene, find_clip(scene, name)?, time_s)
+    }
+
+    fn at(model: &Model, scene: &Scene, clip: &Clip, time_s: f32) -> Result<Self, EvaluateError> {
         let rest = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
-        let pose = |time_s| Self::from_pose(model, scene, &pose::evaluate(clip, time_s, &rest));
-        times_s.into_iter().map(pose).collect()
+        Self::from_pose(model, scene, &pose::evaluate(clip, time_s, &rest))
     }
 
     /// A pose of a scene, in the scene's order of nodes.
@@ -257,6 +270,13 @@ impl Query {
         let outside = model.evaluate_bounded(&input, &mut out)?;
         Ok((out, outside))
     }
+}
+
+fn find_clip<'a>(scene: &'a Scene, name: &str) -> Result<&'a Clip, EvaluateError> {
+    scene.clips.iter().find(|clip| clip.name == name).ok_or_else(|| {
+        let known = scene.clips.iter().map(|clip| clip.name.clone()).collect();
+        EvaluateError::Clip { name: name.to_owned(), known }
+    })
 }
 
 /// The scene's node for each of the model's.

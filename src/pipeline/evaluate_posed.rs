@@ -5,7 +5,7 @@ use glam::Vec3;
 
 use super::evaluate::{EvaluateError, Query, node_order};
 use crate::model::{JointPose, Model};
-use crate::rig::{self, Deformed, Pose};
+use crate::rig::{self, Deformed, Facets, Pose};
 use crate::scene::Scene;
 
 impl Query {
@@ -36,18 +36,57 @@ impl Query {
     /// [`EvaluateError::NeedsJoints`], [`EvaluateError::NeedsScene`], [`EvaluateError::Positions`],
     /// [`EvaluateError::PositionNotFinite`].
     pub fn from_positions(model: &Model, positions: &[f32]) -> Result<Self, EvaluateError> {
-        let parameters = model.header().rig.columns.len();
-        if parameters > 0 {
-            return Err(EvaluateError::NeedsJoints(parameters));
-        }
-        let (vertices, found) = (model.header().mesh.vertices as usize, positions.len());
-        if found != 3 * vertices {
-            return Err(EvaluateError::Positions { found, vertices });
-        }
-        if let Some(at) = positions.iter().position(|value| !value.is_finite()) {
-            return Err(EvaluateError::PositionNotFinite(at / 3));
-        }
+        check_positions(model, positions)?;
         Self::from_joints(model, &JointPose::default())
+    }
+
+    /// The same with the scene that the model is of: a model that looks at the posed mesh sees these
+    /// very positions, with normals by the scene's triangles.
+    ///
+    /// # Errors
+    /// As [`Query::from_positions`], but never [`EvaluateError::NeedsScene`];
+    /// [`EvaluateError::Vertices`] of another scene.
+    pub fn from_positions_in(
+        model: &Model,
+        scene: &Scene,
+        positions: &[f32],
+    ) -> Result<Self, EvaluateError> {
+        check_positions(model, positions)?;
+        let pose = model.pose_of(&JointPose::default())?;
+        let (found, expected) = (scene.mesh.positions.len(), positions.len() / 3);
+        if found != expected {
+            return Err(EvaluateError::Vertices { found, expected });
+        }
+        let rest = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
+        let globals = scene.skeleton.globals(&rest.local);
+        let root = model.root_frame_of(&pose)?;
+        let mut posed = Deformed::default();
+        rig::deform(&scene.mesh, &globals, &rest.weights, root, &mut posed);
+        let facets = Facets::new(&posed, &scene.mesh.triangles);
+        let to_root = root.inverse();
+        for (place, given) in posed.positions.iter_mut().zip(positions.chunks_exact(3)) {
+            *place = to_root.transform_point3(Vec3::from_slice(given));
+        }
+        facets.apply(&scene.mesh.triangles, &mut posed);
+        let surface = model.needs_surface().then(|| of_points(model, &posed)).transpose()?;
+        let parameters = model.parameters_of_pose(&pose)?;
+        Ok(Self { parameters, surface, pose: Some(pose) })
+    }
+}
+
+/// Whether positions are those of a mesh of the model's size that has no other parameters.
+fn check_positions(model: &Model, positions: &[f32]) -> Result<(), EvaluateError> {
+    let parameters = model.header().rig.columns.len();
+    if parameters > 0 {
+        return Err(EvaluateError::NeedsJoints(parameters));
+    }
+    let (vertices, found) = (model.header().mesh.vertices as usize, positions.len());
+    if found != 3 * vertices {
+        return Err(EvaluateError::Positions { found, vertices });
+    }
+    match positions.iter().position(|value| !value.is_finite()) {
+        Some(at) => Err(EvaluateError::PositionNotFinite(at / 3)),
+        None => Ok(()),
     }
 }
 

@@ -11,10 +11,12 @@ use serde_json::Value;
 
 use super::problem::Problem;
 
-/// Runs what blocks away from the threads that answer.
+/// Runs what blocks away from the threads that answer; what it logs bears its request's id.
 pub(super) async fn blocking<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, Problem> + Send + 'static,
 ) -> Result<T, Problem> {
+    let request = tracing::Span::current();
+    let work = move || request.in_scope(work);
     tokio::task::spawn_blocking(work).await.unwrap_or_else(|panic| Err(Problem::internal(&panic)))
 }
 

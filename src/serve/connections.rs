@@ -94,6 +94,19 @@ impl Speaker {
     }
 }
 
+/// Lets the system end a connection whose client takes nothing of what is sent to it, whether it has
+/// vanished or is only slow on purpose.
+fn give_up(stream: &TcpStream, idle_s: u32) {
+    #[cfg(target_os = "linux")]
+    if let Err(error) =
+        rustix::net::sockopt::set_tcp_user_timeout(stream, idle_s.saturating_mul(1000))
+    {
+        tracing::debug!(%error, "a connection may idle");
+    }
+    #[cfg(not(target_os = "linux"))]
+    let _ = (stream, idle_s);
+}
+
 /// Reads until it is known whether a client begins as HTTP/2 does.
 async fn begin(stream: &mut TcpStream, first: &mut Vec<u8>) -> std::io::Result<bool> {
     while first.len() < PREFACE.len() {
@@ -137,6 +150,7 @@ pub(super) async fn accept(
         };
         // Small answers go out at once.
         let _ = stream.set_nodelay(true);
+        give_up(&stream, limits.idle_s);
         let (open, speaker, watcher) =
             (Arc::clone(&open), Arc::clone(&speaker), graceful.watcher());
         open.fetch_add(1, Ordering::Relaxed);

@@ -9,6 +9,7 @@ use axum::response::{IntoResponse, Response};
 use serde_json::Value;
 
 use super::health::document;
+use super::problem::KINDS;
 
 /// What the page may do: show itself.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'";
@@ -33,21 +34,25 @@ fn page(document: &Value) -> String {
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Poselight's interface</title>\
          <style>{STYLE}</style><h1>Poselight's interface</h1><p>{}<p>The same for programs: \
          <a href=\"/openapi.json\">/openapi.json</a>.<h2>Paths</h2>",
-        escape(text(&document["info"]["description"]))
+        prose(text(&document["info"]["description"]))
     );
     for (path, methods) in document["paths"].as_object().into_iter().flatten() {
         for (method, operation) in methods.as_object().into_iter().flatten() {
             show_operation(&mut out, method, path, operation);
         }
     }
-    out += "<h2>Documents</h2>";
+    out += "<h2>Problems</h2><table>";
+    for (kind, title) in KINDS {
+        let _ = write!(out, "<tr><td><code>/problems/{kind}</code><td>{}", escape(title));
+    }
+    out += "</table><h2>Documents</h2>";
     for (name, schema) in document["components"]["schemas"].as_object().into_iter().flatten() {
         let json = serde_json::to_string_pretty(schema).unwrap_or_default();
         let name = escape(name);
         let _ = write!(
             out,
             "<details id=\"{name}\"><summary><code>{name}</code> {}</summary><pre>{}</pre></details>",
-            escape(text(&schema["description"])),
+            prose(text(&schema["description"])),
             escape(&json)
         );
     }
@@ -60,13 +65,13 @@ fn show_operation(out: &mut String, method: &str, path: &str, operation: &Value)
         "<details><summary><code>{} {}</code> {}</summary>",
         escape(&method.to_uppercase()),
         escape(path),
-        escape(text(&operation["summary"]))
+        prose(text(&operation["summary"]))
     );
     let parameters = operation["parameters"].as_array();
     if let Some(parameters) = parameters {
         *out += "<table><tr><th>parameter<th>in<th>";
         for parameter in parameters {
-            let cell = |name: &str| escape(text(&parameter[name]));
+            let cell = |name: &str| prose(text(&parameter[name]));
             let _ = write!(
                 out,
                 "<tr><td>{}<td>{}<td>{}",
@@ -79,10 +84,7 @@ fn show_operation(out: &mut String, method: &str, path: &str, operation: &Value)
     }
     for (kind, content) in operation["requestBody"]["content"].as_object().into_iter().flatten() {
         let _ = write!(out, "<p>Takes {} {}", escape(kind), link(&content["schema"]));
-        if content["example"].is_object() {
-            let example = serde_json::to_string_pretty(&content["example"]).unwrap_or_default();
-            let _ = write!(out, "<pre>{}</pre>", escape(&example));
-        }
+        *out += &example(content);
     }
     *out += "<table>";
     for (status, response) in operation["responses"].as_object().into_iter().flatten() {
@@ -91,12 +93,37 @@ fn show_operation(out: &mut String, method: &str, path: &str, operation: &Value)
             .map(|(kind, content)| format!("{} {}", escape(kind), link(&content["schema"])))
             .collect();
         let what = match text(&response["$ref"]) {
-            "" => escape(text(&response["description"])),
+            "" => prose(text(&response["description"])),
             _ => "<a href=\"#Problem\">a problem</a>".to_owned(),
         };
         let _ = write!(out, "<tr><td>{}<td>{what}<td>{}", escape(status), kinds.join("<br>"));
     }
-    *out += "</table></details>";
+    *out += "</table>";
+    for (_, response) in operation["responses"].as_object().into_iter().flatten() {
+        for (_, content) in response["content"].as_object().into_iter().flatten() {
+            *out += &example(content);
+        }
+    }
+    *out += "</details>";
+}
+
+/// An example of what is taken or given, where the document has one.
+fn example(content: &Value) -> String {
+    if !content["example"].is_object() {
+        return String::new();
+    }
+    let example = serde_json::to_string_pretty(&content["example"]).unwrap_or_default();
+    format!("<pre>{}</pre>", escape(&example))
+}
+
+/// A sentence of the document, its names as code.
+fn prose(text: &str) -> String {
+    let parts = text.split('`').map(escape).enumerate();
+    let part = |(index, part): (usize, String)| match index % 2 {
+        0 => part,
+        _ => format!("<code>{part}</code>"),
+    };
+    parts.map(part).collect()
 }
 
 /// The name of a schema, which leads to it.

@@ -74,7 +74,7 @@ fn evaluate(
     let light = request.light(service, id, model)?;
     let vertices = request.vertices.as_deref();
     let asked = Asked { model, light: light.as_deref(), vertices };
-    asked.values(service, &request.queries(service, model)?)
+    asked.values(service, &request.queries(service, id, model)?)
 }
 
 impl Asked<'_> {

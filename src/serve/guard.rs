@@ -9,6 +9,7 @@ use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use tracing::Instrument as _;
 
 use super::answer::{blocking, text};
 use super::problem::Problem;
@@ -55,7 +56,8 @@ pub(super) async fn guard(
         Ok(client) => {
             name.clone_from(&client.name);
             request.extensions_mut().insert(client);
-            in_time(&service, request, next).await
+            let span = tracing::info_span!("request", id);
+            in_time(&service, request, next).instrument(span).await
         }
     };
     origins::mark(&mut response, origin.as_ref());

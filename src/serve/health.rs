@@ -55,11 +55,12 @@ pub(super) async fn ready(State(service): State<Arc<Service>>) -> Response {
 
 pub(super) async fn metrics(State(service): State<Arc<Service>>) -> Result<Response, Problem> {
     let worker = Arc::clone(&service);
-    let counts = blocking(move || Ok(worker.store.count_jobs()?)).await?;
+    let read = move || Ok((worker.store.count_jobs()?, worker.store.rays_per_s()?));
+    let (counts, rays_per_s) = blocking(read).await?;
     let jobs = JobState::ALL
         .into_iter()
         .map(|state| (state.name(), counts.get(state.name()).copied().unwrap_or(0)));
-    let text = service.metrics.text(jobs, service.hot.figures());
+    let text = service.metrics.text(jobs, rays_per_s, service.hot.figures());
     Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text).into_response())
 }
 
@@ -72,7 +73,7 @@ mod tests {
     use std::collections::BTreeSet;
 
     use super::*;
-    use crate::serve::problem::KINDS;
+    use crate::serve::problem::{KINDS, LIMITS};
 
     /// The document lists every path and method of the router, every kind of problem and every
     /// state, and no other; every reference in it leads somewhere.
@@ -101,6 +102,8 @@ mod tests {
         let kinds: Vec<String> =
             KINDS.iter().map(|(kind, _)| format!("/problems/{kind}")).collect();
         assert_eq!(schemas["Problem"]["properties"]["type"]["enum"], json!(kinds));
+        let limit = &schemas["Problem"]["properties"]["limit"]["properties"]["name"];
+        assert_eq!(limit["enum"], json!(LIMITS));
         assert_eq!(schemas["State"]["enum"], json!(JobState::ALL.map(JobState::name)));
         for reference in OPENAPI.split("\"$ref\": \"#").skip(1) {
             let pointer = reference.split('"').next().unwrap_or_default();

@@ -1,4 +1,4 @@
-//! Models that are ready to be evaluated: the latest used ones, bounded by bytes.
+//! Models that are ready to be evaluated, bounded by bytes, with the latest lights and scenes.
 
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -8,17 +8,22 @@ use sha2::{Digest, Sha256};
 use super::problem::Problem;
 use super::{Service, StoreError};
 use crate::model::Model;
-use crate::pipeline::{self, Light, files};
+use crate::pipeline::{self, Light, Scene, files};
 
 /// The cache.
 #[derive(Debug)]
 pub(super) struct Hot {
     most_bytes: u64,
     inner: Mutex<Inner>,
+    /// Held while a scene is imported: that may take gigabytes.
+    importing: Mutex<()>,
 }
 
 /// Lights that are kept ready, each with its model folded under it.
 const MOST_LIGHTS: usize = 16;
+
+/// Scenes that are kept ready.
+const MOST_SCENES: usize = 4;
 
 /// A model's id, and a digest of the light's name.
 type LightKey = (String, [u8; 32]);
@@ -29,6 +34,8 @@ struct Inner {
     models: Vec<(String, Arc<Model>, u64)>,
     /// The latest used one last.
     lights: Vec<(LightKey, Arc<Light>)>,
+    /// By a digest of the scene's name; the latest used one last.
+    scenes: Vec<([u8; 32], Arc<Scene>)>,
     hits: u64,
     misses: u64,
 }
@@ -44,7 +51,7 @@ pub(super) struct HotFigures {
 
 impl Hot {
     pub(super) fn new(most_bytes: u64) -> Self {
-        Self { most_bytes, inner: Mutex::default() }
+        Self { most_bytes, inner: Mutex::default(), importing: Mutex::default() }
     }
 
     /// A model of the store; `None` where there is none.
@@ -89,6 +96,43 @@ impl Hot {
             inner.lights.remove(0);
         }
         Ok(light)
+    }
+
+    /// A scene, imported once and kept; one at a time is imported. `name` tells scenes apart: what
+    /// is made under one name must always be the same.
+    ///
+    /// # Errors
+    /// What `make` objects to.
+    pub(super) fn scene(
+        &self,
+        name: &[u8],
+        make: impl FnOnce() -> Result<Scene, Problem>,
+    ) -> Result<Arc<Scene>, Problem> {
+        let key: [u8; 32] = Sha256::digest(name).into();
+        if let Some(scene) = self.take_scene(&key) {
+            return Ok(scene);
+        }
+        let _alone = self.importing.lock().unwrap_or_else(PoisonError::into_inner);
+        // Somebody else may have made it meanwhile.
+        if let Some(scene) = self.take_scene(&key) {
+            return Ok(scene);
+        }
+        let scene = Arc::new(make()?);
+        let mut inner = self.lock();
+        inner.scenes.push((key, Arc::clone(&scene)));
+        if inner.scenes.len() > MOST_SCENES {
+            inner.scenes.remove(0);
+        }
+        Ok(scene)
+    }
+
+    fn take_scene(&self, key: &[u8; 32]) -> Option<Arc<Scene>> {
+        let mut inner = self.lock();
+        let at = inner.scenes.iter().position(|(known, _)| known == key)?;
+        let entry = inner.scenes.remove(at);
+        let scene = Arc::clone(&entry.1);
+        inner.scenes.push(entry);
+        Some(scene)
     }
 
     /// Forgets a model.
@@ -172,6 +216,17 @@ mod tests {
             hot.light("c", &other.to_le_bytes(), make).expect("a light");
         }
         assert_eq!(hot.lock().lights.len(), MOST_LIGHTS);
+        let scene = |name: &[u8]| {
+            let path = tempfile::Builder::new().suffix(".obj").tempfile().expect("a file");
+            std::fs::write(path.path(), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").expect("written");
+            let make = || pipeline::import(path.path()).map_err(|error| Problem::internal(&error));
+            hot.scene(name, make).expect("a scene")
+        };
+        assert!(Arc::ptr_eq(&scene(b"a"), &scene(b"a")), "a scene is imported twice");
+        for other in 0..MOST_SCENES as u64 {
+            scene(&other.to_le_bytes());
+        }
+        assert_eq!(hot.lock().scenes.len(), MOST_SCENES);
         hot.forget("a");
         let figures = hot.figures();
         assert_eq!((figures.models, figures.bytes, figures.hits, figures.misses), (1, 40, 3, 1));

@@ -51,16 +51,24 @@ impl Metrics {
     pub(super) fn text<'a>(
         &self,
         jobs: impl Iterator<Item = (&'a str, i64)>,
+        rays_per_s: f64,
         hot: HotFigures,
     ) -> String {
         let mut out = String::new();
         let head = |out: &mut String, name: &str, kind: &str, help: &str| {
             let _ = writeln!(out, "# HELP poselight_{name} {help}\n# TYPE poselight_{name} {kind}");
         };
-        head(&mut out, "jobs", "gauge", "Jobs by state.");
+        head(
+            &mut out,
+            "jobs",
+            "gauge",
+            "Jobs by state; those that are queued are the queue's depth.",
+        );
         for (state, count) in jobs {
             let _ = writeln!(out, "poselight_jobs{{state=\"{state}\"}} {count}");
         }
+        head(&mut out, "rays_per_second", "gauge", "Rays cast by jobs that run.");
+        let _ = writeln!(out, "poselight_rays_per_second {rays_per_s}");
         head(&mut out, "rays_total", "counter", "Rays cast by jobs that ended.");
         let _ = writeln!(out, "poselight_rays_total {}", self.rays.load(Ordering::Relaxed));
         head(&mut out, "answers_total", "counter", "Answers by class of status.");
@@ -109,9 +117,10 @@ mod tests {
         metrics.evaluated(Duration::from_secs(100));
         metrics.answered(204);
         let hot = HotFigures { models: 1, bytes: 2, hits: 3, misses: 4 };
-        let text = metrics.text([("queued", 7)].into_iter(), hot);
+        let text = metrics.text([("queued", 7)].into_iter(), 1.5, hot);
         for line in [
             "poselight_jobs{state=\"queued\"} 7",
+            "poselight_rays_per_second 1.5",
             "poselight_answers_total{status=\"2xx\"} 1",
             "poselight_evaluation_seconds_bucket{le=\"0.00025\"} 0",
             "poselight_evaluation_seconds_bucket{le=\"0.0005\"} 1",

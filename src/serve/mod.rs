@@ -39,6 +39,7 @@ mod results;
 mod retention;
 mod router;
 mod runner;
+mod scenes;
 mod stages;
 mod store;
 mod webhooks;
@@ -103,7 +104,7 @@ pub struct Limits {
     pub connections: u32,
     /// Seconds for the head of a request. Default 10.
     pub head_s: u32,
-    /// Seconds that an upload may pause. Default 30.
+    /// Seconds that an upload may pause, and that a client may take nothing. Default 30.
     pub idle_s: u32,
     /// Seconds for a whole request; uploads, downloads and events have no such limit. Default 60.
     pub request_s: u32,

@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 
 use super::answer::{self, Params, blocking, is_sha256};
 use super::jobs::ListQuery;
+use super::poses::needs_scene;
 use super::problem::Problem;
 use super::store::StoredModel;
 use super::{Service, StoreError, files};
@@ -56,7 +57,7 @@ fn describe(model: &Model) -> Value {
         "channels": header.channels,
         "vertices": header.mesh.vertices,
         "points": header.mesh.points,
-        "needs_scene": model.needs_surface(),
+        "needs_scene": needs_scene(model),
         "joints": rig.nodes.iter().map(|node| &node.name).collect::<Vec<_>>(),
         "weights": rig.weights.iter().map(|weight| &weight.name).collect::<Vec<_>>(),
         "parameters": rig.columns.iter().map(|column| &column.name).collect::<Vec<_>>(),

@@ -8,9 +8,8 @@ use serde::Deserialize;
 
 use super::Service;
 use super::answer::is_sha256;
-use super::assets::bad_asset;
 use super::problem::Problem;
-use super::request::is_safe;
+use super::scenes::{self, SceneRequest};
 use crate::model::{self, JointPose, JointTransform, Model};
 use crate::pipeline::{self, EvaluateError, Light, Query, Scene};
 
@@ -26,7 +25,8 @@ pub(super) struct EvaluateRequest {
     positions: Option<Vec<Vec<f32>>>,
     /// Poses of a clip of an uploaded scene.
     clip: Option<ClipRequest>,
-    /// The scene that the model is of; beside `poses` of models that look at the posed mesh.
+    /// The scene that the model is of; beside `poses` and `positions` of models that look at the
+    /// posed mesh. The one that the model was made of where absent.
     scene: Option<SceneRequest>,
     /// Only these vertices, in this order; all when absent.
     pub(super) vertices: Option<Vec<u32>>,
@@ -56,23 +56,14 @@ pub(super) struct JointRequest {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ClipRequest {
-    /// The files of the scene: name → SHA-256 of an uploaded asset.
-    assets: BTreeMap<String, String>,
+    /// The files of a scene: name → SHA-256 of an uploaded asset. That which the model was made of
+    /// where absent.
+    assets: Option<BTreeMap<String, String>>,
     /// The main one; may be left out where there is only one.
     file: Option<String>,
     name: String,
     /// Seconds on the clip's own clock.
     times_s: Vec<f32>,
-}
-
-/// An uploaded scene.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct SceneRequest {
-    /// Its files: name → SHA-256 of an uploaded asset.
-    pub(super) assets: BTreeMap<String, String>,
-    /// The main one; may be left out where there is only one.
-    pub(super) file: Option<String>,
 }
 
 /// Exactly one of `coefficients` and `asset`.
@@ -139,7 +130,12 @@ impl EvaluateRequest {
     ///
     /// # Errors
     /// What is wrong with them, with its field.
-    pub(super) fn queries(&self, service: &Service, model: &Model) -> Result<Vec<Query>, Problem> {
+    pub(super) fn queries(
+        &self,
+        service: &Service,
+        id: &str,
+        model: &Model,
+    ) -> Result<Vec<Query>, Problem> {
         let most = service.settings.limits.poses;
         let many = |pointer: &str, found: usize| match found {
             0 => Err(Problem::field(pointer, "at least one pose is needed")),
@@ -150,25 +146,26 @@ impl EvaluateRequest {
             .limit("poses", u64::from(most))),
             _ => Ok(()),
         };
-        if self.scene.is_some() && self.poses.is_none() {
-            return Err(Problem::field("#/scene", "it stands beside `poses`"));
+        if self.scene.is_some() && self.poses.is_none() && self.positions.is_none() {
+            return Err(Problem::field("#/scene", "it stands beside `poses` or `positions`"));
         }
+        let at = |list: &str, index: usize| format!("#/{list}/{index}");
         match (&self.poses, &self.parameters, &self.positions, &self.clip) {
             (Some(poses), None, None, None) => {
                 many("#/poses", poses.len())?;
-                let scene = self.scene.as_ref().map(|scene| scene.import(service, "#/scene"));
-                let scene = scene.transpose()?;
+                let scene = self.scene(service, id, model)?;
                 let query = |(index, pose): (usize, &PoseRequest)| {
-                    let query = pose.query(model, scene.as_ref());
-                    query.map_err(|error| refused(format!("#/poses/{index}"), &error))
+                    let query = pose.query(model, scene.as_deref());
+                    query.map_err(|error| refused(at("poses", index), &error))
                 };
                 poses.iter().enumerate().map(query).collect()
             }
             (None, None, Some(meshes), None) => {
                 many("#/positions", meshes.len())?;
+                let scene = self.scene(service, id, model)?;
                 let query = |(index, mesh): (usize, &Vec<f32>)| {
-                    let query = Query::from_positions(model, mesh);
-                    query.map_err(|error| refused(format!("#/positions/{index}"), &error))
+                    let query = of_positions(model, scene.as_deref(), mesh);
+                    query.map_err(|error| refused(at("positions", index), &error))
                 };
                 meshes.iter().enumerate().map(query).collect()
             }
@@ -176,16 +173,29 @@ impl EvaluateRequest {
                 many("#/parameters", rows.len())?;
                 let query = |(index, row): (usize, &Vec<f32>)| {
                     let query = Query::from_parameters(model, row);
-                    query.map_err(|error| refused(format!("#/parameters/{index}"), &error))
+                    query.map_err(|error| refused(at("parameters", index), &error))
                 };
                 rows.iter().enumerate().map(query).collect()
             }
             (None, None, None, Some(clip)) => {
                 many("#/clip/times_s", clip.times_s.len())?;
-                clip.queries(service, model)
+                clip.queries(service, id, model)
             }
             _ => Err(Problem::field("#", ONE_OF)),
         }
+    }
+
+    /// The scene that is named, or that the model cannot do without.
+    fn scene(
+        &self,
+        service: &Service,
+        id: &str,
+        model: &Model,
+    ) -> Result<Option<Arc<Scene>>, Problem> {
+        let needed = needs_scene(model) || (self.positions.is_some() && model.needs_surface());
+        let wanted = self.scene.is_some() || needed;
+        let scene = || scenes::of_model(service, id, self.scene.as_ref(), "#/scene");
+        wanted.then(scene).transpose()
     }
 
     /// The light as the model takes it.
@@ -227,47 +237,52 @@ impl PoseRequest {
 }
 
 impl ClipRequest {
-    fn queries(&self, service: &Service, model: &Model) -> Result<Vec<Query>, Problem> {
-        if let Some(at) = self.times_s.iter().position(|time| !(time.is_finite() && *time >= 0.0)) {
-            let fault = "a time is zero or a positive number of seconds";
-            return Err(Problem::field(format!("#/clip/times_s/{at}"), fault));
+    fn queries(&self, service: &Service, id: &str, model: &Model) -> Result<Vec<Query>, Problem> {
+        let named = match (&self.assets, &self.file) {
+            (Some(assets), file) => {
+                Some(SceneRequest { assets: assets.clone(), file: file.clone() })
+            }
+            (None, None) => None,
+            (None, Some(_)) => {
+                return Err(Problem::field("#/clip/assets", "`file` is one of them"));
+            }
+        };
+        for (index, &time_s) in self.times_s.iter().enumerate() {
+            check_time(time_s)
+                .map_err(|fault| Problem::field(format!("#/clip/times_s/{index}"), fault))?;
         }
-        let scene = SceneRequest { assets: self.assets.clone(), file: self.file.clone() };
-        let scene = scene.import(service, "#/clip")?;
+        let scene = scenes::of_model(service, id, named.as_ref(), "#/clip")?;
         Query::from_clip(model, &scene, &self.name, self.times_s.iter().copied())
             .map_err(|error| refused("#/clip".to_owned(), &error))
     }
 }
 
-impl SceneRequest {
-    /// The scene; `pointer` is where it stands in the request.
-    ///
-    /// # Errors
-    /// What is wrong with it, with its field.
-    pub(super) fn import(&self, service: &Service, pointer: &str) -> Result<Scene, Problem> {
-        let only = self.assets.keys().next().filter(|_| self.assets.len() == 1);
-        let Some(file) = self.file.as_ref().or(only) else {
-            return Err(Problem::field(
-                format!("{pointer}/file"),
-                "say which of the assets is the scene",
-            ));
-        };
-        let incoming = service.store.folder().incoming()?;
-        for (name, sha256) in &self.assets {
-            let known =
-                is_safe(name) && is_sha256(sha256) && service.store.asset(sha256)?.is_some();
-            if !known {
-                let fault = format!("`{name}` does not name an uploaded asset");
-                return Err(Problem::field(format!("{pointer}/assets"), fault));
-            }
-            let path = incoming.path().join(name);
-            super::store::create(path.parent().unwrap_or(incoming.path()))?;
-            super::files::link(&service.store.folder().asset(sha256), &path)?;
-        }
-        if !self.assets.contains_key(file) {
-            return Err(Problem::field(format!("{pointer}/file"), "it is none of the assets"));
-        }
-        pipeline::import(&incoming.path().join(file)).map_err(|error| bad_asset(&error))
+/// Whether a time is one of a clip's clock.
+///
+/// # Errors
+/// A sentence that says what is wrong.
+pub(super) fn check_time(time_s: f32) -> Result<(), &'static str> {
+    let sound = time_s.is_finite() && time_s >= 0.0;
+    if sound { Ok(()) } else { Err("a time is zero or a positive number of seconds") }
+}
+
+/// Whether the posed mesh is looked at, and the model does not carry it.
+pub(super) fn needs_scene(model: &Model) -> bool {
+    model.needs_surface() && model.rest().is_none()
+}
+
+/// A pose by the vertices of its mesh, with the scene where the model looks at them.
+///
+/// # Errors
+/// What the model objects to.
+pub(super) fn of_positions(
+    model: &Model,
+    scene: Option<&Scene>,
+    mesh: &[f32],
+) -> Result<Query, EvaluateError> {
+    match scene {
+        Some(scene) => Query::from_positions_in(model, scene, mesh),
+        None => Query::from_positions(model, mesh),
     }
 }
 

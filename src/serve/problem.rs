@@ -48,6 +48,22 @@ pub(super) const KINDS: [(&str, &str); 24] = [
     ("unknown-dataset", "A data set is not there"),
 ];
 
+/// Every limit that a problem may name; the document of the interface lists them.
+pub(super) const LIMITS: [&str; 12] = [
+    "answer_bytes",
+    "asset_bytes",
+    "assets_bytes",
+    "body_bytes",
+    "disk_bytes",
+    "idle_s",
+    "memory_bytes",
+    "page_size",
+    "poses",
+    "queued_jobs",
+    "rate_hz",
+    "request_s",
+];
+
 impl Problem {
     pub(super) fn new(status: StatusCode, kind: &'static str, detail: impl Into<String>) -> Self {
         debug_assert!(KINDS.iter().any(|(known, _)| *known == kind), "{kind}");
@@ -82,6 +98,7 @@ impl Problem {
 
     /// The limit that was hit.
     pub(super) fn limit(mut self, name: &'static str, most: u64) -> Self {
+        debug_assert!(LIMITS.contains(&name), "{name}");
         self.limit = Some((name, most));
         self
     }

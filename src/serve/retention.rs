@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::store::{Deleted, now_ms};
-use super::{Service, StoreError};
+use super::{Limits, Service, Store, StoreError};
 
 /// Between two looks.
 const LOOK: Duration = Duration::from_secs(60);
@@ -23,7 +23,7 @@ pub(super) fn work(service: &Arc<Service>) {
         return;
     }
     loop {
-        if let Err(error) = look(service) {
+        if let Err(error) = look(&service.store, &limits) {
             tracing::error!(%error, "cannot remove what is too old or too much");
         }
         let start = Instant::now();
@@ -36,32 +36,31 @@ pub(super) fn work(service: &Arc<Service>) {
     }
 }
 
-fn look(service: &Service) -> Result<(), StoreError> {
-    let limits = service.settings.limits;
+fn look(store: &Store, limits: &Limits) -> Result<(), StoreError> {
     if let Some(days) = limits.keep_days {
         let before = now_ms().saturating_sub(i64::from(days) * DAY_MS);
-        for job in service.store.ended_before(before)? {
-            forget(service, &job)?;
+        for job in store.ended_before(before)? {
+            forget(store, &job)?;
         }
-        let assets = service.store.delete_unused_assets(before)?;
+        let assets = store.delete_unused_assets(before)?;
         if assets > 0 {
             tracing::info!(assets, "removed what no job uses");
         }
     }
     let Some(most) = limits.keep_bytes else { return Ok(()) };
-    let mut bytes = size(&service.store.folder().work_root());
-    for job in service.store.ended_before(i64::MAX)? {
+    let mut bytes = size(&store.folder().work_root());
+    for job in store.ended_before(i64::MAX)? {
         if bytes <= most {
             break;
         }
-        forget(service, &job)?;
-        bytes = size(&service.store.folder().work_root());
+        forget(store, &job)?;
+        bytes = size(&store.folder().work_root());
     }
     Ok(())
 }
 
-fn forget(service: &Service, job: &str) -> Result<(), StoreError> {
-    if matches!(service.store.delete_job(job)?, Deleted::Yes) {
+fn forget(store: &Store, job: &str) -> Result<(), StoreError> {
+    if matches!(store.delete_job(job)?, Deleted::Yes) {
         tracing::info!(job, "forgotten");
     }
     Ok(())
@@ -81,6 +80,44 @@ fn size(folder: &Path) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::serve::store::NewJob;
+
+    /// Where data sets are larger together than they may be, the oldest job that has ended goes with
+    /// its own; what has not ended, and what there is room for, stays.
+    #[test]
+    fn the_oldest_goes_first() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let store = Store::open(folder.path()).expect("a store");
+        let work = |id: &str| store.folder().work(&id.repeat(64));
+        for id in ["a", "b", "c"] {
+            let (bake, request) = (id.repeat(64), r#"{"kind":"bake"}"#);
+            let new = NewJob {
+                id,
+                kind: "bake",
+                priority: 0,
+                request,
+                bake: &bake,
+                key: &bake,
+                memory_bytes: 0,
+                needs_dataset: false,
+                result: (id != "a").then_some("{}"),
+                most_queued: 10,
+            };
+            store.submit(&new, None).expect("accepted");
+            std::fs::create_dir_all(work(id)).expect("made");
+            std::fs::write(work(id).join("block"), [0; 100]).expect("written");
+        }
+        let there = || ["a", "b", "c"].map(|id| work(id).exists());
+        let keep = |bytes| {
+            let limits = Limits { keep_bytes: Some(bytes), ..Limits::default() };
+            look(&store, &limits).expect("looked");
+            there()
+        };
+        assert_eq!(keep(300), [true; 3]);
+        assert_eq!(keep(250), [true, false, true], "`a` has not ended, `c` is younger");
+        assert_eq!(keep(10), [true, false, false]);
+        assert!(store.job("a").expect("read").is_some() && store.job("b").expect("read").is_none());
+    }
 
     /// Files of all depths are counted.
     #[test]

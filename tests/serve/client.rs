@@ -99,10 +99,15 @@ impl Server {
         self.child.wait().expect("ended");
     }
 
+    /// Sends a signal.
+    pub(crate) fn signal(&self, name: &str) {
+        let pid = self.child.id().to_string();
+        Command::new("kill").args([&format!("-{name}"), &pid]).status().expect("signalled");
+    }
+
     /// SIGTERM, and the end that it comes to.
     pub(crate) fn terminate(&mut self) -> ExitStatus {
-        let pid = self.child.id().to_string();
-        Command::new("kill").args(["-TERM", &pid]).status().expect("signalled");
+        self.signal("TERM");
         self.child.wait().expect("ended")
     }
 

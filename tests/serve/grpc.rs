@@ -78,10 +78,44 @@ pub(crate) fn streams(server: &Server, model: &str) {
     runtime().block_on(async {
         let channel = channel(server).await;
         in_order(server, &channel, id, joint_name).await;
+        let parameters = about["model"]["parameters"].as_array().map_or(0, Vec::len);
+        by_parameters(server, &channel, id, parameters).await;
         faults(&channel, id, joint_name).await;
         patience(&channel, id).await;
         neighbours(&channel).await;
     });
+}
+
+/// Times of a clip give the values that HTTP gives at them, without a scene being named; a clip that
+/// there is not, and a time that is none, are refused.
+pub(crate) fn plays(server: &Server, model: &str, name: &str, times_s: &[f32], expected: &[u8]) {
+    let id = model.rsplit('/').next().expect("an id");
+    runtime().block_on(async {
+        let channel = channel(server).await;
+        let at = |name: &str, time_s| At::Clip(v1::ClipTime { name: name.to_owned(), time_s });
+        let poses = times_s.iter().map(|&time_s| at(name, time_s)).collect();
+        let (played, fault) = frames(&channel, setup(id), poses).await;
+        assert!(fault.is_none(), "{fault:?}");
+        let values: Vec<u8> = played.iter().flat_map(|f| f.values.iter().copied()).collect();
+        assert!(values == expected, "not what HTTP gives");
+        for at in [at("swim", 0.0), at(name, f32::NAN), at(name, -1.0)] {
+            let (_, fault) = frames(&channel, setup(id), vec![at]).await;
+            assert_eq!(fault.map(|fault| fault.code()), Some(Code::InvalidArgument));
+        }
+    });
+}
+
+/// A row of parameters gives the values that HTTP gives.
+async fn by_parameters(server: &Server, channel: &Channel, id: &str, count: usize) {
+    let row: Vec<f32> = (0..count).map(|index| 0.01 * index as f32).collect();
+    let body = json!({ "parameters": [row] });
+    let raw = [("Accept", "application/octet-stream")];
+    let expected = server.post(&format!("/v1/models/{id}/evaluate"), &body, &raw);
+    assert_eq!(expected.status, 200, "{}", expected.text());
+    let at = At::Parameters(v1::Parameters { values: row });
+    let (frames, fault) = frames(channel, setup(id), vec![at]).await;
+    assert!(fault.is_none(), "{fault:?}");
+    assert!(frames.len() == 1 && frames[0].values == expected.body, "not what HTTP gives");
 }
 
 /// Fifty poses that differ give fifty frames, each that of its pose.

@@ -13,7 +13,12 @@ use super::client::{Server, sha256};
 use super::{job, small};
 
 /// The head of a request whose body has this length, and what of the body is given.
-fn begin(server: &Server, head: &str, length: usize, body: &[u8]) -> std::net::TcpStream {
+pub(crate) fn begin(
+    server: &Server,
+    head: &str,
+    length: usize,
+    body: &[u8],
+) -> std::net::TcpStream {
     let mut stream = server.connect();
     stream.set_read_timeout(Some(Duration::from_secs(30))).expect("set");
     let head = format!(
@@ -23,7 +28,7 @@ fn begin(server: &Server, head: &str, length: usize, body: &[u8]) -> std::net::T
     stream
 }
 
-fn rest(mut stream: std::net::TcpStream) -> String {
+pub(crate) fn rest(mut stream: std::net::TcpStream) -> String {
     let mut answer = Vec::new();
     let _ = stream.read_to_end(&mut answer);
     String::from_utf8_lossy(&answer).into_owned()
@@ -108,11 +113,7 @@ fn clients_that_vanish_are_let_go() {
         let mut byte = [0];
         assert!(clients.iter_mut().all(|client| client.read_exact(&mut byte).is_ok()));
     }
-    let open = || {
-        let text = server.get("/metrics", &[]).text();
-        let line = text.lines().find_map(|line| line.strip_prefix("poselight_connections "));
-        line.and_then(|count| count.parse::<u64>().ok()).expect("a count")
-    };
+    let open = || open_connections(&server);
     let start = Instant::now();
     while open() > 1 {
         assert!(start.elapsed() < Duration::from_secs(60), "{} connections stay", open());
@@ -120,6 +121,13 @@ fn clients_that_vanish_are_let_go() {
     }
     assert_eq!(server.post(&format!("{place}/cancel"), &json!({}), &[]).status, 202);
     server.wait(&place, |job| job["state"] == "cancelled");
+}
+
+/// Connections that are open, this one too.
+pub(crate) fn open_connections(server: &Server) -> u64 {
+    let text = server.get("/metrics", &[]).text();
+    let line = text.lines().find_map(|line| line.strip_prefix("poselight_connections "));
+    line.and_then(|count| count.parse().ok()).expect("a count")
 }
 
 /// Numbers and nesting beyond reason are refused in every body that is read, with a status of the
@@ -277,43 +285,6 @@ fn a_read_only_folder_is_told() {
     assert_eq!(server.get("/health", &[]).status, 200);
     assert_eq!(server.get("/ready", &[]).status, 503);
     assert_eq!(server.get("/v1/models", &[]).status, 503);
-}
-
-/// Too many requests of one client are put off with a time; a page is let in where its origin is
-/// named; the interface can be read as a page; settings come from a file and are checked.
-#[test]
-fn operators_have_their_say() {
-    let folder = tempfile::tempdir().expect("temporary folder");
-    let config = folder.path().join("settings.json");
-    let settings = json!({ "rate": 5, "allow-origin": "https://tools.example", "jobs": 2 });
-    fs::write(&config, settings.to_string()).expect("written");
-    let config = config.to_str().expect("text");
-    let server = Server::start(&["--config", config]);
-    let answers: Vec<_> = (0..30).map(|_| server.get("/v1/jobs", &[])).collect();
-    let limited = answers.iter().find(|answer| answer.status == 429).expect("too many pass");
-    assert_eq!(limited.json()["type"], "/problems/rate-limited");
-    assert!(limited.header("retry-after").is_some());
-    let page = [("Origin", "https://tools.example"), ("Access-Control-Request-Method", "PUT")];
-    let answer = server.send("OPTIONS", "/v1/jobs", b"", &page);
-    assert_eq!(answer.header("access-control-allow-origin").as_deref(), Some(page[0].1));
-    let evil = [("Origin", "https://evil.example"), page[1]];
-    let answer = server.send("OPTIONS", "/v1/jobs", b"", &evil);
-    assert_eq!(answer.header("access-control-allow-origin"), None);
-    let mut docs = server.get("/docs", &[]);
-    while docs.status == 429 {
-        std::thread::sleep(Duration::from_millis(300));
-        docs = server.get("/docs", &[]);
-    }
-    assert!(docs.text().contains("<h2>Paths</h2>"), "{}", docs.text());
-    server.command(&["serve", "--check", "--data", "elsewhere", "--config", config]);
-    let wrong = folder.path().join("wrong.json");
-    fs::write(&wrong, r#"{"job": 2}"#).expect("written");
-    let output = Command::new(env!("CARGO_BIN_EXE_poselight"))
-        .args(["serve", "--check", "--config", wrong.to_str().expect("text")])
-        .output()
-        .expect("started");
-    let message = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(!output.status.success() && message.contains("no setting `job`"), "{message}");
 }
 
 /// A map is a light: uniform radiance shades like the constant light that it is; a broken map is

@@ -77,7 +77,7 @@ fn an_archive_becomes_a_scene() {
 }
 
 /// NumPy's form of an array (NEP 1).
-fn npy(kind: &str, shape: &str, data: &[u8]) -> Vec<u8> {
+pub(crate) fn npy(kind: &str, shape: &str, data: &[u8]) -> Vec<u8> {
     let mut head = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}");
     while (10 + head.len() + 1) % 64 != 0 {
         head.push(' ');

@@ -19,8 +19,11 @@ use crate::pipeline::{Light, Query, Scene};
 use crate::serve::Service;
 use crate::serve::answer::{blocking, is_sha256};
 use crate::serve::evaluate::{Asked, Values, little_endian};
-use crate::serve::poses::{JointRequest, LightRequest, PoseRequest, SceneRequest, refused};
+use crate::serve::poses::{
+    JointRequest, LightRequest, PoseRequest, check_time, needs_scene, of_positions, refused,
+};
 use crate::serve::problem::Problem;
+use crate::serve::scenes::{self, SceneRequest};
 
 /// The service behind the interface.
 pub(super) struct Evaluator(Arc<Service>);
@@ -56,7 +59,8 @@ struct Subject {
     id: String,
     model: Arc<Model>,
     light: Option<Arc<Light>>,
-    scene: Option<Scene>,
+    /// The scene that is named.
+    scene: Option<Arc<Scene>>,
     vertices: Option<Vec<u32>>,
 }
 
@@ -105,7 +109,7 @@ impl Frames {
                     return Err(Problem::field("setup", "the first pose must have it"));
                 }
             };
-            let query = subject.query(pose.at)?;
+            let query = subject.query(&service, pose.at)?;
             let values = subject.values(&service, query)?;
             Ok((frame(index, &values), subject))
         })
@@ -124,26 +128,46 @@ impl Subject {
         let light = setup.light.map(|light| light_request(light).on(service, &id, &model));
         let scene = setup.scene.map(|scene| {
             let file = Some(scene.file).filter(|file| !file.is_empty());
-            SceneRequest { assets: scene.assets, file }.import(service, "setup.scene")
+            SceneRequest { assets: scene.assets, file }.open(service, "setup.scene")
         });
         let vertices = Some(setup.vertices).filter(|vertices| !vertices.is_empty());
         Ok(Self { light: light.transpose()?, scene: scene.transpose()?, id, model, vertices })
     }
 
-    fn query(&self, at: Option<pose::At>) -> Result<Query, Problem> {
+    /// The scene that is named or that the model was made of.
+    fn scene(&self, service: &Service) -> Result<Arc<Scene>, Problem> {
+        match &self.scene {
+            Some(scene) => Ok(Arc::clone(scene)),
+            None => scenes::of_model(service, &self.id, None, "setup.scene"),
+        }
+    }
+
+    /// The scene where it is named or needed.
+    fn scene_if(&self, service: &Service, needed: bool) -> Result<Option<Arc<Scene>>, Problem> {
+        (needed || self.scene.is_some()).then(|| self.scene(service)).transpose()
+    }
+
+    fn query(&self, service: &Service, at: Option<pose::At>) -> Result<Query, Problem> {
         let model = &self.model;
         let (field, query) = match at {
             Some(pose::At::Joints(joints)) => {
-                ("joints", pose_request(joints).query(model, self.scene.as_ref()))
+                let scene = self.scene_if(service, needs_scene(model))?;
+                ("joints", pose_request(joints).query(model, scene.as_deref()))
             }
             Some(pose::At::Parameters(row)) => {
                 ("parameters", Query::from_parameters(model, &row.values))
             }
             Some(pose::At::Positions(mesh)) => {
-                ("positions", Query::from_positions(model, &mesh.values))
+                let scene = self.scene_if(service, model.needs_surface())?;
+                ("positions", of_positions(model, scene.as_deref(), &mesh.values))
+            }
+            Some(pose::At::Clip(clip)) => {
+                check_time(clip.time_s).map_err(|fault| Problem::field("clip.time_s", fault))?;
+                let scene = self.scene(service)?;
+                ("clip", Query::of_clip(model, &scene, &clip.name, clip.time_s))
             }
             None => {
-                let fault = "give one of `joints`, `parameters` and `positions`";
+                let fault = "give one of `joints`, `parameters`, `positions` and `clip`";
                 return Err(Problem::field("at", fault));
             }
         };

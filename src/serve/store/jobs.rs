@@ -126,6 +126,18 @@ impl Store {
         Ok(self.lock().query_row(&sql, [key, kind], job).optional()?)
     }
 
+    /// A job that has the scene which a model was made of: its own, or one of the same bake.
+    ///
+    /// # Errors
+    /// What the database objects to.
+    pub(in crate::serve) fn scene_job(&self, model: &str) -> Result<Option<Job>, Error> {
+        let sql = format!(
+            "SELECT {COLUMNS} FROM jobs WHERE kind IN ('run', 'bake') AND bake IN
+            (SELECT bake FROM jobs WHERE fit = ?1) ORDER BY seq DESC LIMIT 1"
+        );
+        Ok(self.lock().query_row(&sql, [model], job).optional()?)
+    }
+
     /// Whether a job has baked this data set, or works on it: then its folder stays.
     ///
     /// # Errors
@@ -144,6 +156,16 @@ impl Store {
             connection.prepare_cached("SELECT state, COUNT(*) FROM jobs GROUP BY 1")?;
         let rows = statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?;
         Ok(rows.collect::<Result<_, _>>()?)
+    }
+
+    /// Rays a second of all jobs that run, as they last told.
+    ///
+    /// # Errors
+    /// What the database objects to.
+    pub(in crate::serve) fn rays_per_s(&self) -> Result<f64, Error> {
+        let sql = "SELECT TOTAL(json_extract(progress, '$.rays_per_s')) FROM jobs
+            WHERE state = 'running'";
+        Ok(self.lock().query_row(sql, [], |row| row.get(0))?)
     }
 
     /// What an earlier request with this key came to.
