@@ -14,6 +14,10 @@ pub(in crate::cli) fn subdivide(args: &SubdivideArgs, stop: &AtomicBool) -> anyh
     let mut recipe = super::start(&args.recipe)?;
     args.poses.edit(&mut recipe);
     args.bake.edit(&mut recipe)?;
+    anyhow::ensure!(
+        !args.bake.choose_rays,
+        "--choose-rays is of bakes: a refined mesh has no model"
+    );
     let job = Job::open(&args.scene, recipe)?;
     let refinement = args.refinement(job.scene.mesh.triangles.len())?;
     if args.dry_run {

@@ -159,6 +159,8 @@ fn direct(job: &Job) -> Result<(), RecipeError> {
     refuse("bake.bounces", (bake.bounces > 0).then(|| bake.bounces.to_string()))?;
     refuse("bake.noise", bake.noise.map(|noise| noise.to_string()))?;
     refuse("bake.vertex_fit", bake.vertex_fit.map(|samples| samples.to_string()))?;
+    let receivers = bake.surroundings.receivers.as_ref().map(|receivers| receivers.file.clone());
+    refuse("bake.surroundings.receivers", receivers)?;
     refuse("bake.more_rays", bake.more_rays.first().map(u32::to_string))?;
     refuse("bake.subsurface", bake.subsurface.as_ref().map(|_| "stated".to_owned()))
 }
