@@ -317,12 +317,36 @@ fn a_run_is_kept_and_judged() {
     let (_, message) = studio.fail(&["inspect", "out"]);
     assert!(message.contains("inspect out/dataset.zarr or out/model.safetensors"), "{message}");
 
-    let missed = studio.run(&[&words[..], &["--max-error", "1e-9"]].concat());
+    let said = ["--inputs", "8", "--max-error", "1e-9"];
+    let missed = studio.run(&[&words[..], &said].concat());
     assert_eq!(missed.status.code(), Some(3), "{}", text(&missed.stderr));
     let json: Value = serde_json::from_slice(&missed.stdout).expect("one JSON object");
     assert_eq!(json["target_met"], Value::Bool(false));
+    assert_eq!(json["figures"]["choice"], Value::Null, "a model that is said is only judged");
+
+    a_run_chooses(&studio, &words);
 
     lies_are_refused(&studio, &before["model.safetensors"]);
+}
+
+/// Where only the family is said, a stated target chooses its size and precision, once; what says the
+/// model does not go with a limit that chooses it.
+fn a_run_chooses(studio: &Studio, words: &[&'static str]) {
+    let target = ["--family", "linear", "--max-bytes", "10000000", "--max-error", "1e-9"];
+    let words = [words, &target].concat();
+    let first = studio.run(&words);
+    assert_eq!(first.status.code(), Some(3), "{}", text(&first.stderr));
+    let json: Value = serde_json::from_slice(&first.stdout).expect("one JSON object");
+    let choice = &json["figures"]["choice"];
+    assert!(choice["name"].as_str().is_some_and(|name| name.starts_with("linear")), "{choice}");
+    assert!(choice["remedy"].is_string(), "{choice}");
+    let before = tree(&studio.path("out"));
+    assert_eq!(studio.run(&words).status.code(), Some(3));
+    assert!(before == tree(&studio.path("out")), "a second run changed something");
+
+    let (status, message) = studio.fail(&[&words[..], &["--inputs", "8"]].concat());
+    assert_eq!(status, 2);
+    assert!(message.contains("--max-bytes chooses the model, but --inputs says"), "{message}");
 }
 
 /// One bit of the length before the header, of the JSON around it, and of fields in it.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub(crate) use super::bake_args::BakeFlags;
-pub(crate) use super::fit_args::{FitCommandArgs, FitFlags};
+pub(crate) use super::fit_args::{FitCommandArgs, FitFlags, LimitFlags};
 use crate::pipeline::recipe::{ParametrisationName, Recipe};
 
 /// The recipe's names for the values of flags.
@@ -274,6 +274,8 @@ pub(crate) struct RunArgs {
     pub(crate) bake: BakeFlags,
     #[command(flatten)]
     pub(crate) fit: FitFlags,
+    #[command(flatten)]
+    pub(crate) limits: LimitFlags,
     #[command(flatten)]
     pub(crate) measure: MeasureFlags,
 }

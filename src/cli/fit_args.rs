@@ -118,6 +118,41 @@ enum PrecisionArg {
     I8,
 }
 
+/// What a model that is chosen may cost.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Choice")]
+pub(crate) struct LimitFlags {
+    /// Choose the simplest model of no more bytes than this.
+    #[arg(long, value_name = "BYTES")]
+    max_bytes: Option<u64>,
+    /// Choose one that evaluates within this, microseconds on one core.
+    #[arg(long, value_name = "US")]
+    max_us: Option<f64>,
+    /// Choose one that fits within this, seconds.
+    #[arg(long, value_name = "S")]
+    max_fit_s: Option<f64>,
+}
+
+impl LimitFlags {
+    /// One that was given.
+    pub(crate) fn given(&self) -> Option<&'static str> {
+        let given = [
+            ("--max-bytes", self.max_bytes.is_some()),
+            ("--max-us", self.max_us.is_some()),
+            ("--max-fit-s", self.max_fit_s.is_some()),
+        ];
+        given.into_iter().find(|flag| flag.1).map(|flag| flag.0)
+    }
+
+    /// Edits the recipe's target.
+    pub(crate) fn edit(&self, recipe: &mut Recipe) {
+        let target = &mut recipe.target;
+        target.max_bytes = self.max_bytes.or(target.max_bytes);
+        target.max_us = self.max_us.or(target.max_us);
+        target.max_fit_s = self.max_fit_s.or(target.max_fit_s);
+    }
+}
+
 #[derive(Debug, Args)]
 pub(crate) struct FitCommandArgs {
     /// The data set.
@@ -128,15 +163,8 @@ pub(crate) struct FitCommandArgs {
     /// How a pose becomes numbers [default: as the data set was baked].
     #[arg(long, value_enum)]
     parametrisation: Option<ParametrisationArg>,
-    /// Choose the simplest model of no more bytes than this.
-    #[arg(long, value_name = "BYTES")]
-    max_bytes: Option<u64>,
-    /// Choose one that evaluates within this, microseconds on one core.
-    #[arg(long, value_name = "US")]
-    max_us: Option<f64>,
-    /// Choose one that fits within this, seconds.
-    #[arg(long, value_name = "S")]
-    max_fit_s: Option<f64>,
+    #[command(flatten)]
+    limits: LimitFlags,
     #[command(flatten)]
     measure: MeasureFlags,
     #[command(flatten)]
@@ -146,10 +174,7 @@ pub(crate) struct FitCommandArgs {
 impl FitCommandArgs {
     /// Whether a target is stated on the command line.
     pub(crate) fn states_target(&self) -> bool {
-        self.measure.states_target()
-            || self.max_bytes.is_some()
-            || self.max_us.is_some()
-            || self.max_fit_s.is_some()
+        self.measure.states_target() || self.limits.given().is_some()
     }
 
     /// A flag that says what a target would choose.
@@ -165,25 +190,27 @@ impl FitCommandArgs {
 
     /// Whether only candidates of the family in the recipe are to be looked at.
     pub(crate) fn names_family(&self) -> bool {
-        self.fit.family.is_some()
+        self.fit.names_family()
     }
 
     /// Edits the recipe of the data set.
     pub(crate) fn edit(&self, recipe: &mut Recipe) {
         self.fit.edit(recipe);
         self.measure.edit(recipe);
-        let target = &mut recipe.target;
-        target.max_bytes = self.max_bytes.or(target.max_bytes);
-        target.max_us = self.max_us.or(target.max_us);
-        target.max_fit_s = self.max_fit_s.or(target.max_fit_s);
+        self.limits.edit(recipe);
         recipe.fit.parametrisation =
             self.parametrisation.map(Into::into).or(recipe.fit.parametrisation);
     }
 }
 
 impl FitFlags {
+    /// Whether the family is said.
+    pub(crate) fn names_family(&self) -> bool {
+        self.family.is_some()
+    }
+
     /// A flag beside the family, of which a target would choose all.
-    fn chosen_flag(&self) -> Option<&'static str> {
+    pub(crate) fn chosen_flag(&self) -> Option<&'static str> {
         let given = [
             ("--inputs", self.inputs.is_some()),
             ("--outputs", self.outputs.is_some()),

@@ -259,15 +259,27 @@ fn explain<'a>(
     let turns = training.bone_rotations();
     let explained = occluder::Explained::new(geometry, settings, turns);
     source.explain(explained);
-    let Some(spheres) = settings.spheres else { return Ok(None) };
-    let found = shared.placed(shared::Outputs::of(settings), || {
+    let key = shared::Outputs::of(settings);
+    let Some(spheres) = settings.spheres else {
+        keep_rest(source, key, shared)?;
+        return Ok(None);
+    };
+    let found = shared.placed(key, || {
         let mut placed = occluder::place(geometry, turns, spheres)?;
         let report = occluder::fit(source, &mut placed, training.clips(), settings)?;
         Ok((placed, report))
     })?;
     let (placed, report) = &*found;
     source.explain_further(placed.clone());
+    keep_rest(source, key, shared)?;
     Ok(Some((placed.occluders.clone(), report.clone())))
+}
+
+fn keep_rest(source: &mut Source<'_>, key: shared::Outputs, shared: &Shared) -> Result<(), Error> {
+    if let Some(kept) = shared.kept(key, || source.rest())? {
+        source.take_rest(kept);
+    }
+    Ok(())
 }
 
 fn check(settings: &Settings) -> Result<(), Error> {

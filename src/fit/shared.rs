@@ -11,6 +11,7 @@ use super::multilinear::Local;
 use super::occluder::Placed;
 use super::output_basis::{OutputBasis, Projected};
 use super::output_parts::Part;
+use super::source::Rest;
 use super::{Error, Frame, OccluderReport, On, Ridge, Settings};
 
 /// The largest sizes that will be asked for: what is computed once is computed so large.
@@ -36,6 +37,7 @@ pub struct Shared {
     parts: Kind<(Outputs, Option<usize>), Vec<Part>>,
     locals: Kind<(Vec<String>, usize), Vec<Local>>,
     placed: Kind<Outputs, (Placed, OccluderReport)>,
+    kept: Kind<Outputs, Option<Arc<Rest>>>,
 }
 
 /// The outputs in a basis that they share.
@@ -133,6 +135,14 @@ impl Shared {
         make: impl FnOnce() -> Result<(Placed, OccluderReport), Error>,
     ) -> Result<Arc<(Placed, OccluderReport)>, Error> {
         self.placed.get(&key, make)
+    }
+
+    pub(super) fn kept(
+        &self,
+        key: Outputs,
+        make: impl FnOnce() -> Result<Option<Rest>, Error>,
+    ) -> Result<Option<Arc<Rest>>, Error> {
+        Ok((*self.kept.get(&key, || Ok(make()?.map(Arc::new)))?).clone())
     }
 }
 

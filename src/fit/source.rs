@@ -1,6 +1,7 @@
 //! The training data as a stream of blocks of points, in the frame of the fit.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
@@ -15,6 +16,12 @@ use crate::dataset::Training;
 const BLOCK_NUMBERS: usize = if cfg!(test) { 1 << 14 } else { 1 << 21 };
 /// Points in a block, at most.
 const BLOCK_POINTS: usize = 1 << 12;
+/// Blocks that small data are cut into, so that all threads have some, ...
+const LEAST_BLOCKS: usize = 32;
+/// ... unless they would get smaller than this many points.
+const LEAST_BLOCK_POINTS: usize = 64;
+/// Numbers of what is left of the data that are kept for the passes to come, at most: 256 MiB.
+const MOST_KEPT: usize = 1 << 26;
 
 /// A training set in the frame of the fit.
 ///
@@ -25,10 +32,15 @@ pub(super) struct Source<'a> {
     training: &'a Training<'a>,
     frame: Option<BoneFrame<'a>>,
     explained: Option<Explained<'a>>,
+    kept: Option<Arc<Rest>>,
     block_points: usize,
     in_flight: usize,
     keeps_noise: bool,
 }
+
+/// What is left of the data without what is explained: the values of every block.
+#[derive(Debug)]
+pub(super) struct Rest(Vec<Vec<f32>>);
 
 /// A block of points at all poses.
 #[derive(Debug, Default)]
@@ -55,10 +67,11 @@ impl<'a> Source<'a> {
             Frame::Bone => BoneFrame::new(training)?,
         };
         let numbers = training.poses() * training.channels() * training.coefficients();
-        let block_points = (BLOCK_NUMBERS / numbers).clamp(1, BLOCK_POINTS);
+        let few = training.points().div_ceil(LEAST_BLOCKS).max(LEAST_BLOCK_POINTS);
+        let block_points = (BLOCK_NUMBERS / numbers).clamp(1, BLOCK_POINTS.min(few));
         let in_flight = 2 * rayon::current_num_threads();
-        let (explained, keeps_noise) = (None, false);
-        Ok(Self { training, frame, explained, block_points, in_flight, keeps_noise })
+        let (explained, kept, keeps_noise) = (None, None, false);
+        Ok(Self { training, frame, explained, kept, block_points, in_flight, keeps_noise })
     }
 
     /// Removes from now on what needs no learning.
@@ -71,6 +84,25 @@ impl<'a> Source<'a> {
         if let Some(explained) = &mut self.explained {
             explained.place(placed);
         }
+    }
+
+    /// Computes once what is left, where it is small enough to be kept: every pass over the data
+    /// would look at the posed mesh again. `None` where it is not.
+    pub(super) fn rest(&self) -> Result<Option<Rest>, Error> {
+        if self.poses() * self.points() * self.width() > MOST_KEPT {
+            return Ok(None);
+        }
+        let mut values = Vec::new();
+        self.for_each_batch(|blocks| {
+            values.extend(blocks.iter_mut().map(|block| std::mem::take(&mut block.values)));
+            Ok(())
+        })?;
+        Ok(Some(Rest(values)))
+    }
+
+    /// Takes from now on what [`Source::rest`] of the same data gave.
+    pub(super) fn take_rest(&mut self, kept: Arc<Rest>) {
+        self.kept = Some(kept);
     }
 
     /// What is removed.
@@ -147,6 +179,10 @@ impl<'a> Source<'a> {
 
     fn read(&self, points: Range<usize>, block: &mut Block) -> Result<(), Error> {
         block.points = points.clone();
+        if let Some(Rest(blocks)) = self.kept.as_deref() {
+            block.values.clone_from(&blocks[points.start / self.block_points]);
+            return Ok(());
+        }
         block.values.resize(self.poses() * points.len() * self.width(), 0.0);
         self.training.read_points(points.clone(), &mut block.values)?;
         self.check(block)?;

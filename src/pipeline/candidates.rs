@@ -1,7 +1,8 @@
 //! The models that a trade-off is measured over: every family at several sizes.
 
 use super::recipe::{
-    FamilyName, FitRecipe, FrameName, OnName, ParametrisationName, Recipe, RidgeName, SignalName,
+    ChooseName, FamilyName, FitRecipe, FrameName, OnName, ParametrisationName, Recipe, RidgeName,
+    SignalName,
 };
 
 /// A fit with its name; precision is not part of it.
@@ -97,6 +98,15 @@ fn ridge(base: &Recipe) -> RidgeName {
     }
 }
 
+/// The candidates that a run's target chooses from.
+pub(super) fn left_open(recipe: &Recipe, points: usize) -> Vec<CandidateRecipe> {
+    let mut all = candidates(recipe, points, Range::Quick);
+    if recipe.target.choose == ChooseName::Sizes {
+        all.retain(|candidate| candidate.recipe.fit.family == recipe.fit.family);
+    }
+    all
+}
+
 struct List<'a> {
     base: &'a Recipe,
     all: Vec<CandidateRecipe>,
@@ -108,6 +118,7 @@ impl List<'_> {
         let ridge = ridge(self.base);
         recipe.fit = FitRecipe { seed: recipe.fit.seed, ridge, ..FitRecipe::default() };
         recipe.target.on = on;
+        recipe.target.choose = ChooseName::Nothing;
         edit(&mut recipe.fit);
         self.all.push(CandidateRecipe { name, recipe, poses: None });
     }

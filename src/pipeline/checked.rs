@@ -1,16 +1,17 @@
 //! Raw recipe → checked recipe: only settings that passed here run.
 
 mod bake_fields;
+mod target;
 
 use std::fmt::Display;
 
 use bake_fields::{checked_bake, checked_noise, checked_receivers, checked_subsurface};
+use target::{checked_choice, checked_reference};
 
 use super::recipe::{
     DEFAULT_CLUSTER_RETAINED, DEFAULT_GROUPS, DEFAULT_INPUTS, DEFAULT_OUTPUTS,
     DEFAULT_POSE_CLUSTERS, DEFAULT_RETAINED, DEFAULT_SPHERES, FamilyName, FitRecipe, FrameName,
-    OnName, ParametrisationName, PosesRecipe, PrecisionName, Recipe, RidgeName, TargetRecipe,
-    VERSION,
+    OnName, ParametrisationName, PosesRecipe, PrecisionName, Recipe, RidgeName, VERSION,
 };
 use crate::rig::ParametrisationKind;
 use crate::{bake, fit, model, pose};
@@ -70,6 +71,7 @@ impl Checked {
             "this build reads version 1",
         )?;
         checked_receivers(recipe)?;
+        checked_choice(recipe)?;
         Ok(Self {
             poses: checked_poses(&recipe.poses)?,
             bake: checked_bake(&recipe.bake)?,
@@ -244,36 +246,6 @@ fn retaining(fit: &FitRecipe) -> Result<Option<(f64, f64)>, RecipeError> {
     let any = fit.retain_inputs.or(fit.retain_outputs).is_some();
     let share = |side: Option<f64>| side.unwrap_or(DEFAULT_RETAINED);
     Ok(any.then(|| (share(fit.retain_inputs), share(fit.retain_outputs))))
-}
-
-fn checked_reference(target: &TargetRecipe) -> Result<ReferenceSettings, RecipeError> {
-    let factor = target.reference_factor;
-    require(
-        (8..=1024).contains(&factor),
-        "target.reference_factor",
-        factor,
-        "it must be 8 to 1024",
-    )?;
-    let poses = target.reference_poses;
-    require(poses >= 1, "target.reference_poses", poses, "it must be at least 1")?;
-    if let Some(error) = target.max_error {
-        require(
-            error > 0.0 && error.is_finite(),
-            "target.max_error",
-            error,
-            "it must be positive",
-        )?;
-    }
-    if let Some(bytes) = target.max_bytes {
-        require(bytes > 0, "target.max_bytes", bytes, "it must be positive")?;
-    }
-    let times = [("target.max_us", target.max_us), ("target.max_fit_s", target.max_fit_s)];
-    for (field, time) in times {
-        if let Some(time) = time {
-            require(time > 0.0 && time.is_finite(), field, time, "it must be positive")?;
-        }
-    }
-    Ok(ReferenceSettings { factor, poses: poses as usize, max_error: target.max_error })
 }
 
 fn precision(name: PrecisionName) -> model::Precision {

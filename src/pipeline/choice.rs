@@ -1,11 +1,13 @@
 //! The model that a recipe's target asks for: chosen by validation on training clips, confirmed on
 //! the motion that was held out.
 
+use super::figures::ChoiceFigures;
 use super::recipe::{Recipe, TargetRecipe};
 use super::run::examine_noting;
 use super::trim::trim;
 use super::{
-    CandidateRecipe, Checked, Error, Figures, Searched, Trimmed, Watch, fit, meets_target, search,
+    CandidateRecipe, Checked, Error, Figures, Hashes, Searched, Trimmed, VALIDATION, Watch, fit,
+    meets_target, search,
 };
 use crate::choose::{Point, Target};
 use crate::dataset::Dataset;
@@ -67,9 +69,31 @@ pub fn choose(
     // The judge sees what is stored, not what was fitted.
     let mut model = Model::from_bytes(&found.fitted.model.to_bytes(found.precision)?)?;
     let note = trimmed.as_ref().map(Trimmed::story);
-    let (figures, page) = examine_noting(&mut model, dataset, (&found.recipe, note), watch)?;
+    let (mut figures, page) = examine_noting(&mut model, dataset, (&found.recipe, note), watch)?;
     let confirmed = meets_target(&figures.measured, Checked::new(&found.recipe)?.reference);
     let blob = model.to_bytes(found.precision)?;
     let met = found.met && confirmed;
+    figures.choice = Some(story(dataset, recipe, (&found, trimmed.as_ref()), met));
     Ok(Confirmed { found, trimmed, blob, figures, page, met })
+}
+
+fn story(
+    dataset: &Dataset,
+    asked: &Recipe,
+    (found, trimmed): (&Searched, Option<&Trimmed>),
+    met: bool,
+) -> ChoiceFigures {
+    let scene = dataset.header().attributes.hashes.get("scene").cloned().unwrap_or_default();
+    let point = &found.points[found.chosen];
+    ChoiceFigures {
+        asked: Hashes::of(&scene, asked).fit,
+        name: point.name.clone(),
+        candidates: found.points.len() + found.estimates.len(),
+        search_s: found.search_s,
+        left_out: found.left_out.clone(),
+        validation_rms: point.errors.get(VALIDATION).map_or(0.0, |error| error.rms),
+        met: found.met,
+        remedy: (!met).then(|| found.shares.remedy().advice().to_owned()),
+        trimmed: trimmed.map(Trimmed::story),
+    }
 }

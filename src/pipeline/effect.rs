@@ -8,7 +8,8 @@ use std::fmt::Display;
 
 use super::RecipeError;
 use super::recipe::{
-    BakeRecipe, FamilyName, FitRecipe, OnName, Recipe, RidgeName, SignalName, TargetRecipe,
+    BakeRecipe, ChooseName, FamilyName, FitRecipe, OnName, Recipe, RidgeName, SignalName,
+    TargetRecipe,
 };
 
 /// Refuses settings without effect in a job that bakes and fits as the recipe says.
@@ -149,9 +150,12 @@ fn bake(bake: &BakeRecipe) -> Result<(), RecipeError> {
     }
 }
 
-/// A whole run makes the one model that its recipe names.
+/// A whole run makes the one model that its recipe names, unless it leaves it to the target.
 fn no_choice(target: &TargetRecipe) -> Result<(), RecipeError> {
-    let expected = "only the command `fit` chooses a model by it";
+    if target.choose != ChooseName::Nothing {
+        return Ok(());
+    }
+    let expected = "a run chooses a model by it only where `target.choose` says so";
     absent("target.max_bytes", target.max_bytes, expected)?;
     absent("target.max_us", target.max_us, expected)?;
     absent("target.max_fit_s", target.max_fit_s, expected)

@@ -1,9 +1,9 @@
 //! The pose parameters of a fit, where they are not those that the data set stores: another
 //! parametrisation of the same poses needs no new bake.
 
+use super::imported::Imported;
 use super::recipe::{FamilyName, FitRecipe, Recipe};
-use super::reference::job_for;
-use super::{Error, Job, RecipeError, job_of, recipe_of};
+use super::{Error, RecipeError, recipe_of};
 use crate::dataset::{Dataset, Training};
 use crate::model::{Model, RigHeader};
 use crate::pose::{Sample, Split};
@@ -13,7 +13,7 @@ use crate::pose::{Sample, Split};
 ///
 /// Without the parameters and bands that the fit leaves out.
 pub(super) fn training<'a>(
-    dataset: &'a Dataset,
+    dataset: &Imported<'a>,
     recipe: &Recipe,
     left_out: &[i32],
 ) -> Result<(Training<'a>, RigHeader), Error> {
@@ -53,15 +53,15 @@ pub(super) fn lessened<'a>(
 }
 
 fn whole<'a>(
-    dataset: &'a Dataset,
+    dataset: &Imported<'a>,
     recipe: &Recipe,
     left_out: &[i32],
 ) -> Result<(Training<'a>, RigHeader), Error> {
     let stored = recipe_of(dataset)?.poses.parametrisation;
-    let training = with_skin(dataset.training_without(left_out)?, dataset, recipe)?;
+    let training = with_skin(dataset.dataset.training_without(left_out)?, dataset, recipe)?;
     match recipe.fit.parametrisation {
         Some(asked) if asked != stored => {
-            let job = job_in(dataset, recipe)?;
+            let job = dataset.job_as(recipe.fit.parametrisation)?;
             let columns = &job.poses.parametrisation.columns;
             let names = columns.iter().map(|column| column.name.clone()).collect();
             let rows = job.poses.parameters.chunks_exact(columns.len().max(1));
@@ -84,14 +84,14 @@ pub(super) fn is_training(sample: &Sample, left_out: &[i32]) -> bool {
 /// Adds the skin weights where the family goes by them.
 fn with_skin<'a>(
     training: Training<'a>,
-    dataset: &Dataset,
+    dataset: &Imported<'_>,
     recipe: &Recipe,
 ) -> Result<Training<'a>, Error> {
     use FamilyName::{ClusteredLinear, ClusteredQuadratic, ClusteredTanh};
     if !matches!(recipe.fit.family, ClusteredLinear | ClusteredQuadratic | ClusteredTanh) {
         return Ok(training);
     }
-    let job = job_in(dataset, recipe)?;
+    let job = dataset.job_as(recipe.fit.parametrisation)?;
     let mesh = &job.scene.mesh;
     let influences = |&vertex: &u32| {
         let all = mesh.influences_of(vertex as usize).iter();
@@ -100,25 +100,17 @@ fn with_skin<'a>(
     Ok(training.with_skin(job.poses.points.vertex.iter().map(influences).collect()))
 }
 
-/// The data set's own job, its poses encoded as the recipe's fit asks.
-fn job_in(dataset: &Dataset, recipe: &Recipe) -> Result<Job, Error> {
-    let mut stored = recipe_of(dataset)?;
-    stored.poses.parametrisation =
-        recipe.fit.parametrisation.unwrap_or(stored.poses.parametrisation);
-    job_for(dataset, stored)
-}
-
 fn stored_rig(dataset: &Dataset) -> Result<RigHeader, Error> {
     serde_json::from_value(dataset.header().attributes.rig.clone())
         .map_err(|source| Error::Json { what: "the rig in the data set".into(), source })
 }
 
 /// The parameters of every pose of the data set as a model takes them, `[pose, parameter]`.
-pub(super) fn parameters(model: &Model, dataset: &Dataset) -> Result<Vec<f32>, Error> {
+pub(super) fn parameters(model: &Model, dataset: &Imported<'_>) -> Result<Vec<f32>, Error> {
     if model.header().rig.columns == stored_rig(dataset)?.columns {
         return Ok(dataset.parameters().to_vec());
     }
-    let job = job_of(dataset)?;
+    let job = dataset.job()?;
     let mut parameters = Vec::new();
     for sample in &job.poses.samples {
         parameters.extend(model.parameters_of_pose(&sample.pose)?);

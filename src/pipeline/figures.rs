@@ -39,6 +39,32 @@ pub struct Figures {
     pub spectra: Spectra,
     /// Errors by split.
     pub measured: Measured,
+    /// How the model was chosen, where a target chose it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub choice: Option<ChoiceFigures>,
+}
+
+/// How a target chose a model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ChoiceFigures {
+    /// Hash of the fit as it was asked for.
+    pub asked: String,
+    /// What was chosen, in words.
+    pub name: String,
+    /// Candidates that were looked at, every precision counted.
+    pub candidates: usize,
+    /// Wall time of the search, seconds.
+    pub search_s: f64,
+    /// What was left out in turn to tell candidates apart.
+    pub left_out: String,
+    /// The chosen model's error on it, RMSE of a coefficient.
+    pub validation_rms: f64,
+    /// Whether the target is met there.
+    pub met: bool,
+    /// What would help most, where the target is not met.
+    pub remedy: Option<String>,
+    /// What the model does without.
+    pub trimmed: Option<String>,
 }
 
 /// Sizes of a model.
@@ -123,19 +149,30 @@ impl Figures {
 
 impl Times {
     pub(super) fn new(story: &Story, evaluation: &EvaluationTimes) -> Self {
-        let baked = story.baked.filter(|baked| baked.rays > 0);
-        let whole = baked.filter(|baked| baked.poses_now == baked.poses);
         let referenced = story.referenced;
         let all = 2 * referenced.poses as u64;
-        Self {
-            bake_s: whole.map(|baked| baked.bake_s),
-            rays_per_s: baked.map(|baked| baked.rays as f64 / baked.bake_s),
+        let mut times = Self {
+            bake_s: None,
+            rays_per_s: None,
             reference_s: (referenced.baked_now == all).then_some(referenced.bake_s),
             fit_s: story.fit_s,
             fit_phases_s: story.report.seconds.clone(),
             evaluate_us: evaluation.all_us,
             folded_us: evaluation.folded_us,
+        };
+        if let Some(baked) = story.baked {
+            times.tell_bake(baked);
         }
+        times
+    }
+
+    /// What this process baked, if anything.
+    pub(super) fn tell_bake(&mut self, baked: &Baked) {
+        if baked.rays == 0 {
+            return;
+        }
+        self.bake_s = (baked.poses_now == baked.poses).then_some(baked.bake_s);
+        self.rays_per_s = Some(baked.rays as f64 / baked.bake_s);
     }
 }
 

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use serde_json::Value;
 
+use super::imported::Imported;
 use super::recipe::{DEFAULT_INPUTS, DEFAULT_OUTPUTS, FitRecipe, Recipe};
 use super::{Checked, Error, Hashes, Job, Progress, Stage, Watch, encoding};
 use crate::dataset::{Dataset, Training};
@@ -51,7 +52,9 @@ pub fn fit_watched(
         (watch.report)(Progress { stage: Stage::Fit, done, total: 1, rays: 0, elapsed_s });
     };
     tell(0);
-    let fitted = fit_part(dataset, recipe, &[], None, Some(watch.cancelled))?;
+    let dataset = Imported::new(dataset);
+    let data = Part { stop: Some(watch.cancelled), ..Part::default() };
+    let fitted = fit_part(&dataset, recipe, &data, &fit::Shared::default())?;
     if watch.is_cancelled() {
         return Err(Error::Stopped { when: "after the fit".to_owned() });
     }
@@ -69,27 +72,37 @@ pub fn fit_without(
     recipe: &Recipe,
     left_out: &[i32],
 ) -> Result<FittedModel, Error> {
-    fit_part(dataset, recipe, left_out, None, None)
+    let data = Part { left_out, ..Part::default() };
+    fit_part(&Imported::new(dataset), recipe, &data, &fit::Shared::default())
 }
 
-/// [`fit_without`] some clips, or to some of the training poses only: `keep` are their indices,
-/// ascending, among the poses that are left. Ends soon after `stop` becomes true.
+/// What a fit sees of a data set.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Part<'a> {
+    /// Clips without which it is done.
+    pub(super) left_out: &'a [i32],
+    /// Indices, ascending, of the only ones to see among the training poses that are left.
+    pub(super) keep: Option<&'a [usize]>,
+    /// The fit ends soon after this becomes true.
+    pub(super) stop: Option<&'a AtomicBool>,
+}
+
+/// [`fit()`] to a part of the training poses, which is the same for all fits that share.
 ///
 /// # Errors
 /// As [`fit()`].
 pub(super) fn fit_part(
-    dataset: &Dataset,
+    dataset: &Imported<'_>,
     recipe: &Recipe,
-    left_out: &[i32],
-    keep: Option<&[usize]>,
-    stop: Option<&AtomicBool>,
+    &Part { left_out, keep, stop }: &Part<'_>,
+    shared: &fit::Shared,
 ) -> Result<FittedModel, Error> {
     let (checked, settings) = settings_for(dataset, recipe)?;
     let start = Instant::now();
     let (training, rig) = encoding::training(dataset, recipe, left_out)?;
-    let job = (settings.unshadowed || settings.spheres.is_some()).then(|| super::job_of(dataset));
+    let job = (settings.unshadowed || settings.spheres.is_some()).then(|| dataset.job());
     let job = job.transpose()?;
-    let mut geometry = job.as_ref().map(|job| geometry(job, left_out));
+    let mut geometry = job.as_deref().map(|job| geometry(job, left_out));
     let training = match keep {
         Some(keep) => training.only(keep),
         None => training,
@@ -104,8 +117,7 @@ pub(super) fn fit_part(
     if let (Some(keep), Some(geometry)) = (keep, &mut geometry) {
         geometry.poses = keep.iter().map(|&i| geometry.poses[i]).collect();
     }
-    let shared = fit::Shared::default();
-    let fitted = fit_sizes(&training, settings, recipe, geometry.as_ref(), &shared)?;
+    let fitted = fit_sizes(&training, settings, recipe, geometry.as_ref(), shared)?;
     let fit_s = start.elapsed().as_secs_f64();
     let mesh = dataset.mesh();
     let assembled = Assembled {
@@ -124,11 +136,11 @@ pub(super) fn fit_part(
 ///
 /// # Errors
 /// What stands in the way of the scene in the data set.
-pub(super) fn with_rest(model: Model, dataset: &Dataset) -> Result<Model, Error> {
+pub(super) fn with_rest(model: Model, dataset: &Imported<'_>) -> Result<Model, Error> {
     if !model.needs_surface() {
         return Ok(model);
     }
-    let job = super::job_of(dataset)?;
+    let job = dataset.job()?;
     Ok(model.with_rest(job.scene.mesh.subset(&job.poses.points.vertex))?)
 }
 

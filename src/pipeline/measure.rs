@@ -1,8 +1,10 @@
 //! A model against the references of its data set.
 
+use std::rc::Rc;
 use std::sync::Arc;
 use std::time::Instant;
 
+use super::imported::Imported;
 use super::job::PointSurface;
 use super::progress::{Progress, Stage, Watch};
 use super::recipe::Recipe;
@@ -21,7 +23,7 @@ struct Candidates {
     /// For each model those of every pose of the data set, `[pose, parameter]`.
     parameters: Vec<Arc<Vec<f32>>>,
     /// Poses the mesh, where a model looks at it.
-    job: Option<Job>,
+    job: Option<Rc<Job>>,
 }
 
 /// Measures a model on every pose that the references cover, beside the mean that `recipe` gives
@@ -37,8 +39,10 @@ pub fn measure(
 ) -> Result<Measured, Error> {
     belongs(model, dataset)?;
     let reference = Reference::open(dataset)?;
-    let candidates = candidates((model, exact), fit_mean(dataset, recipe)?, dataset)?;
-    stream(&candidates, dataset, &reference, watch)
+    let mean = fit_mean(dataset, recipe)?;
+    let dataset = Imported::new(dataset);
+    let candidates = candidates((model, exact), mean, &dataset)?;
+    stream(&candidates, &dataset, &reference, watch)
 }
 
 /// Measures several models of one data set beside each other; the first is the headline.
@@ -47,7 +51,7 @@ pub fn measure(
 /// As [`measure`]; also without any model.
 pub(super) fn measure_many(
     named: &[(String, Model)],
-    dataset: &Dataset,
+    dataset: &Imported<'_>,
     watch: &Watch,
 ) -> Result<Measured, Error> {
     let reference = Reference::open(dataset)?;
@@ -68,15 +72,14 @@ pub(super) fn measure_many(
     let entries = entries.map(|(i, (name, _))| Candidate { name: name.clone(), kind: kind(i) });
     let entries = entries.collect();
     let models: Vec<Model> = named.iter().map(|(_, model)| model.clone()).collect();
-    let job =
-        models.iter().any(Model::needs_surface).then(|| super::job_of(dataset)).transpose()?;
+    let job = models.iter().any(Model::needs_surface).then(|| dataset.job()).transpose()?;
     stream(&Candidates { models, entries, parameters, job }, dataset, &reference, watch)
 }
 
 /// All candidates at every pose of the references.
 fn stream(
     candidates: &Candidates,
-    dataset: &Dataset,
+    dataset: &Imported<'_>,
     reference: &Reference,
     watch: &Watch,
 ) -> Result<Measured, Error> {
@@ -120,7 +123,7 @@ pub(super) fn belongs(model: &Model, dataset: &Dataset) -> Result<(), Error> {
 fn candidates(
     (model, exact): (&Model, &Model),
     mean: Model,
-    dataset: &Dataset,
+    dataset: &Imported<'_>,
 ) -> Result<Candidates, Error> {
     let entry = |name: &str, kind| Candidate { name: name.to_owned(), kind };
     let own = model.header().precision;
@@ -134,14 +137,13 @@ fn candidates(
     }
     let parameters = Arc::new(encoding::parameters(model, dataset)?);
     let parameters = vec![parameters; models.len()];
-    let job =
-        models.iter().any(Model::needs_surface).then(|| super::job_of(dataset)).transpose()?;
+    let job = models.iter().any(Model::needs_surface).then(|| dataset.job()).transpose()?;
     Ok(Candidates { models, entries, parameters, job })
 }
 
 fn settings(
     model: &Model,
-    dataset: &Dataset,
+    dataset: &Imported<'_>,
     reference: &Reference,
     candidates: &Candidates,
 ) -> Result<Settings, Error> {
@@ -151,7 +153,7 @@ fn settings(
         order: data_order(dataset, header),
         channels: usize::from(header.channels),
         vertex_of_point: dataset.mesh().vertex_of_point.clone(),
-        parts: super::job_of(dataset)?.scene.mesh.parts,
+        parts: dataset.job()?.scene.mesh.parts.clone(),
         candidates: candidates.entries.clone(),
         frame_s: 1.0 / recipe_of(dataset)?.poses.rate_hz,
         reference_rays: Some(reference.header().rays),

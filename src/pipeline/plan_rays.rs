@@ -13,11 +13,13 @@
 use std::ops::Range;
 use std::path::Path;
 
+use super::imported::Imported;
 use super::measure::predict;
 use super::recipe::{OnName, Recipe};
-use super::{Error, Job, RecipeError, Watch, bake, encoding, fit_part};
+use super::{Error, Job, Part, RecipeError, Watch, bake, encoding, fit_part};
 use crate::bake::gain;
 use crate::dataset::Dataset;
+use crate::fit::Shared;
 use crate::model::Model;
 use crate::num::random::hash;
 
@@ -194,12 +196,13 @@ impl Pilot {
 
     /// What the noise of the pilot's rays adds to the mean square error of a model of all its poses.
     fn noise(&self, training: &[usize]) -> Result<f64, Error> {
-        let fit = |dataset: &Dataset| fit_part(dataset, &self.recipe, &[], None, None);
-        let [a, b] = [fit(&self.halves[0])?.model, fit(&self.halves[1])?.model];
+        let halves = self.halves.each_ref().map(Imported::new);
+        let fit = |half| fit_part(half, &self.recipe, &Part::default(), &Shared::default());
+        let [a, b] = [fit(&halves[0])?.model, fit(&halves[1])?.model];
         let (mut sum, mut count) = (0.0, 0.0);
         for &pose in training {
             let [found, other] =
-                [(&a, 0), (&b, 1)].map(|(model, half)| self.predicted(model, half, pose));
+                [(&a, 0), (&b, 1)].map(|(model, half)| predicted(model, &halves[half], pose));
             let (found, other) = (found?, other?);
             let squares = found.iter().zip(&other).map(|(a, b)| f64::from(a - b).powi(2));
             sum += squares.sum::<f64>();
@@ -212,6 +215,7 @@ impl Pilot {
     /// turn (with one clip, its last quarter); nothing where no pose is left.
     fn left_out(&self, training: &[usize], share: usize) -> Result<Option<f64>, Error> {
         let clips: Vec<i32> = training.iter().map(|&pose| self.halves[0].clips()[pose]).collect();
+        let half = Imported::new(&self.halves[0]);
         let (mut sum, mut count) = (0.0, 0.0);
         for fold in folds(&clips) {
             let kept: Vec<usize> =
@@ -219,9 +223,10 @@ impl Pilot {
             if kept.is_empty() {
                 continue;
             }
-            let model = fit_part(&self.halves[0], &self.recipe, &[], Some(&kept), None)?.model;
+            let part = Part { keep: Some(&kept), ..Part::default() };
+            let model = fit_part(&half, &self.recipe, &part, &Shared::default())?.model;
             for &i in &fold {
-                let found = self.predicted(&model, 0, training[i])?;
+                let found = predicted(&model, &half, training[i])?;
                 let [a, b] = [0, 1].map(|half| self.baked(half, training[i]));
                 let (a, b) = (a?, b?);
                 let errors = found.iter().zip(a.iter().zip(&b));
@@ -238,19 +243,18 @@ impl Pilot {
         self.halves[half].read_points(&[pose], 0..layout.points, &mut values)?;
         Ok(values)
     }
+}
 
-    fn predicted(&self, model: &Model, half: usize, pose: usize) -> Result<Vec<f32>, Error> {
-        let dataset = &self.halves[half];
-        let layout = &dataset.header().layout;
-        let parameters = encoding::parameters(model, dataset)?;
-        let surface = match model.needs_surface() {
-            true => Some(super::job_of(dataset)?.surface(pose)),
-            false => None,
-        };
-        let mut values = vec![0.0; layout.points * layout.row()];
-        predict(model, dataset, &parameters, (pose, surface.as_ref()), &mut values)?;
-        Ok(values)
-    }
+fn predicted(model: &Model, dataset: &Imported<'_>, pose: usize) -> Result<Vec<f32>, Error> {
+    let layout = &dataset.header().layout;
+    let parameters = encoding::parameters(model, dataset)?;
+    let surface = match model.needs_surface() {
+        true => Some(dataset.job()?.surface(pose)),
+        false => None,
+    };
+    let mut values = vec![0.0; layout.points * layout.row()];
+    predict(model, dataset, &parameters, (pose, surface.as_ref()), &mut values)?;
+    Ok(values)
 }
 
 /// Training poses that are left out together, by their indices.

@@ -71,10 +71,10 @@ fn the_predicted_noise_is_that_of_the_model() {
         let path = folder.path().join(name);
         bake(&open(recipe.clone()).unwrap(), &path, &watch).unwrap();
         let dataset = Dataset::open(&path).unwrap();
-        (fit_part(&dataset, &recipe, &[], None, None).unwrap().model, dataset)
+        (crate::pipeline::fit(&dataset, &recipe).unwrap().model, dataset)
     };
     let ((few, dataset), (many, _)) = (model(chosen.rays, "few"), model(16 * chosen.rays, "many"));
-    let parameters = encoding::parameters(&few, &dataset).unwrap();
+    let parameters = encoding::parameters(&few, &Imported::new(&dataset)).unwrap();
     let layout = dataset.header().layout;
     let (mut squares, mut count) = (0.0, 0.0);
     for pose in (0..layout.poses).filter(|&pose| dataset.splits()[pose] == 0) {

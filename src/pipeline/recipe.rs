@@ -265,6 +265,30 @@ pub struct TargetRecipe {
     pub max_us: Option<f64>,
     /// Longest fit accepted, seconds.
     pub max_fit_s: Option<f64>,
+    /// What a run leaves to the target.
+    #[serde(skip_serializing_if = "ChooseName::is_nothing")]
+    pub choose: ChooseName,
+}
+
+/// What a target chooses. (`fit` on a data set chooses wherever a target is stated.)
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ChooseName {
+    /// Nothing: the model is what `fit` and `output` say, and is judged by the target.
+    #[default]
+    Nothing,
+    /// Sizes and precision of the family that `fit` names.
+    Sizes,
+    /// Family, sizes and precision.
+    Any,
+}
+
+impl ChooseName {
+    // The signature is serde's.
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "skip_serializing_if asks for it")]
+    fn is_nothing(&self) -> bool {
+        *self == Self::Nothing
+    }
 }
 
 impl Default for TargetRecipe {
@@ -277,6 +301,7 @@ impl Default for TargetRecipe {
             max_bytes: None,
             max_us: None,
             max_fit_s: None,
+            choose: ChooseName::Nothing,
         }
     }
 }

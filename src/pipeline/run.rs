@@ -2,14 +2,17 @@
 
 use std::path::Path;
 
+use super::candidates::left_open;
 use super::figures::{Figures, ModelFigures, Spectra, Story, Times};
+use super::imported::Imported;
 use super::measure::belongs;
-use super::recipe::Recipe;
+use super::recipe::{ChooseName, Recipe};
 use super::{
-    Baked, Checked, Error, FittedModel, Job, ReferenceSettings, Watch, bake, bake_reference, files,
-    fit_watched, job_of, measure, report, timing,
+    Baked, Checked, Confirmed, Error, FittedModel, Job, ReferenceSettings, Trimmed, Watch, bake,
+    bake_reference, choose, files, fit_watched, job_of, measure, report, timing,
 };
 use crate::dataset::Dataset;
+use crate::fit::FitReport;
 use crate::measure::{Measured, Split};
 use crate::model::Model;
 
@@ -51,8 +54,16 @@ pub fn run(job: &Job, folder: &Path, watch: &Watch) -> Result<Outcome, Error> {
     let dataset = Dataset::open(&folder.join(DATASET))?;
     let earlier = earlier(folder);
     if let Some(figures) = earlier.clone().filter(|figures| is_finished(figures, job, folder)) {
-        let met = meets_target(&figures.measured, settings);
+        let met = is_met(&figures, settings);
         return Ok(Outcome { baked, figures, met, made: false });
+    }
+    if job.recipe.target.choose != ChooseName::Nothing {
+        let Confirmed { found, trimmed, mut figures, blob, .. } = chosen(job, &dataset, watch)?;
+        figures.times.tell_bake(&baked);
+        let mut report = found.fitted.report;
+        report.notices.extend(trimmed.as_ref().map(Trimmed::story));
+        let model = (&Model::from_bytes(&blob)?, &report);
+        return publish((job, &dataset), folder, (baked, figures, earlier), model);
     }
     let referenced = bake_reference(&dataset, settings, watch)?;
     let FittedModel { model: exact, report, fit_s } = fit_watched(&dataset, &job.recipe, watch)?;
@@ -60,17 +71,33 @@ pub fn run(job: &Job, folder: &Path, watch: &Watch) -> Result<Outcome, Error> {
     let precision = job.checked.precision;
     let mut model = Model::from_bytes(&exact.to_bytes(precision)?)?;
     let story = Story { baked: Some(&baked), referenced: &referenced, report: &report, fit_s };
-    let mut figures = assess((&mut model, &exact), &dataset, &job.recipe, &story, watch)?;
+    let figures = assess((&mut model, &exact), &dataset, &job.recipe, &story, watch)?;
+    publish((job, &dataset), folder, (baked, figures, earlier), (&model, &report))
+}
+
+/// The model that the recipe leaves open.
+fn chosen(job: &Job, dataset: &Dataset, watch: &Watch) -> Result<Confirmed, Error> {
+    let candidates = left_open(&job.recipe, dataset.header().layout.points);
+    choose(dataset, &job.recipe, &candidates, watch)
+}
+
+/// Puts the results of a run into its folder.
+fn publish(
+    (job, dataset): (&Job, &Dataset),
+    folder: &Path,
+    (baked, mut figures, earlier): (Baked, Figures, Option<Figures>),
+    (model, report): (&Model, &FitReport),
+) -> Result<Outcome, Error> {
     if let Some(earlier) = &earlier {
         figures.take_times(earlier);
     }
-    let blob = model.to_bytes(precision)?;
-    let page = report::page(job, &dataset, &model, &figures, &report, settings);
+    let blob = model.to_bytes(model.header().precision)?;
+    let page = report::page(job, dataset, model, &figures, report, job.checked.reference);
     files::publish(&folder.join(RECIPE), &json("the recipe", &job.recipe)?)?;
     files::publish(&folder.join(MODEL), &blob)?;
     files::publish(&folder.join(REPORT), page.as_bytes())?;
     files::publish(&folder.join(FIGURES), &json("the figures", &figures)?)?;
-    let met = meets_target(&figures.measured, settings);
+    let met = is_met(&figures, job.checked.reference);
     Ok(Outcome { baked, figures, met, made: true })
 }
 
@@ -124,9 +151,10 @@ fn assess(
         fit_hash: hash("fit"),
         bake_hash: hash("bake"),
         model: ModelFigures::of(model, bytes, story.report),
-        times: Times::new(story, &timing::evaluate(model, dataset)?),
+        times: Times::new(story, &timing::evaluate(model, &Imported::new(dataset))?),
         spectra: Spectra::of(story.report),
         measured,
+        choice: None,
     })
 }
 
@@ -140,9 +168,17 @@ fn earlier(folder: &Path) -> Option<Figures> {
 fn is_finished(figures: &Figures, job: &Job, folder: &Path) -> bool {
     let model = files::read(&folder.join(MODEL), u64::MAX - 1).ok();
     let model = model.and_then(|bytes| Model::from_bytes(&bytes).ok());
-    let named = |model: Model| model.header().provenance.hashes.get("fit") == Some(&job.hashes.fit);
+    let own = &figures.fit_hash;
+    let named = |model: Model| model.header().provenance.hashes.get("fit") == Some(own);
     let whole = folder.join(REPORT).is_file() && folder.join(RECIPE).is_file();
-    figures.fit_hash == job.hashes.fit && whole && model.is_some_and(named)
+    let asked = figures.choice.as_ref().map_or(own, |choice| &choice.asked);
+    *asked == job.hashes.fit && whole && model.is_some_and(named)
+}
+
+/// Whether a stated target is met: where it chose the model, in validation too.
+fn is_met(figures: &Figures, settings: ReferenceSettings) -> bool {
+    let in_validation = figures.choice.as_ref().is_none_or(|choice| choice.met);
+    in_validation && meets_target(&figures.measured, settings)
 }
 
 /// Whether the error on the motion that counts is within the target.

@@ -13,10 +13,11 @@ use super::candidates::CandidateRecipe;
 use super::progress::{Progress, Stage, Watch};
 use super::recipe::{PrecisionName, Recipe, RidgeName};
 use super::validation::Validation;
-use super::workbench::{Tried, Workbench, reaches};
+use super::workbench::{Tried, Workbench, largest, reaches};
 use super::{Error, FittedModel, fit};
 use crate::choose::{Choice, Point, Shares, SplitError, Target, decide, front};
 use crate::dataset::Dataset;
+use crate::fit::Shared;
 use crate::model::Precision;
 
 /// The split of the points of a search.
@@ -100,7 +101,8 @@ pub fn search(
     let finalists: Vec<CandidateRecipe> = best.iter().map(|&i| entries[i].reaching()).collect();
     let others = entries.iter().enumerate().filter(|(i, _)| !best.contains(i));
     let estimates = others.flat_map(|(_, entry)| entry.finished()).collect();
-    let exact = exactly(dataset, &finalists, watch, start)?;
+    let shared = || Shared::new(largest(&finalists));
+    let exact = exactly(dataset, &finalists, Some(&shared), watch, start)?;
     conclude((dataset, target, start), &exact, estimates, left_out)
 }
 
@@ -115,14 +117,16 @@ pub fn exhaustive(
     watch: &Watch,
 ) -> Result<(Vec<Point>, f64), Error> {
     let start = Instant::now();
-    let entries = exactly(dataset, candidates, watch, start)?;
+    let entries = exactly(dataset, candidates, None, watch, start)?;
     let points = entries.iter().flat_map(Entry::finished).collect();
     Ok((points, start.elapsed().as_secs_f64()))
 }
 
+/// Fits to all points; those to the same poses share what `share` makes, or nothing.
 fn exactly<'a>(
     dataset: &Dataset,
     candidates: &'a [CandidateRecipe],
+    share: Option<&dyn Fn() -> Shared>,
     watch: &Watch,
     start: Instant,
 ) -> Result<Vec<Entry<'a>>, Error> {
@@ -131,9 +135,12 @@ fn exactly<'a>(
     let mut entries = entries(candidates);
     let mut count = Count::new(start, (entries.len() * folds.len()) as u64);
     for (index, fold) in folds.iter().enumerate() {
+        let common = share.map(|make| make());
         for entry in &mut entries {
+            let own = Shared::default();
+            let shared = common.as_ref().unwrap_or(&own);
             let time = entry.points.first().map(|point| point.evaluate_us);
-            entry.take(bench.try_out(entry.candidate, fold, time), watch, &mut count)?;
+            entry.take(bench.try_out(entry.candidate, (fold, shared), time), watch, &mut count)?;
         }
         entries.retain(|entry| entry.squares.len() == index + 1);
     }

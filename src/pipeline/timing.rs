@@ -3,6 +3,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
+use super::imported::Imported;
 use super::{Error, encoding};
 use crate::dataset::Dataset;
 use crate::model::{Model, PosedInput, Signal};
@@ -21,13 +22,13 @@ pub(super) struct EvaluationTimes {
 const REPETITIONS: usize = 21;
 
 /// Times evaluation at the data set's first pose.
-pub(super) fn evaluate(model: &Model, dataset: &Dataset) -> Result<EvaluationTimes, Error> {
+pub(super) fn evaluate(model: &Model, dataset: &Imported<'_>) -> Result<EvaluationTimes, Error> {
     let layout = &dataset.header().layout;
     let parameters = encoding::parameters(model, dataset)?;
     let parameters = &parameters[..model.header().parameters()];
     let mut out = vec![0.0; layout.points * model.header().width()];
     let all_us = if model.needs_surface() {
-        let surface = super::job_of(dataset)?.surface(0);
+        let surface = dataset.job()?.surface(0);
         let input = PosedInput {
             parameters,
             bone_rotations: &dataset.bone_rotations()[..layout.bones],

@@ -8,11 +8,13 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::candidates::CandidateRecipe;
+use super::imported::Imported;
 use super::measure::measure_many;
 use super::progress::{Progress, Stage, Watch};
-use super::{Error, FittedModel, fit_part, timing};
+use super::{Error, FittedModel, Part, fit_part, timing};
 use crate::choose::{Point, SplitError, front};
 use crate::dataset::Dataset;
+use crate::fit::Shared;
 use crate::measure::report::{Place, Scatter, scatter};
 use crate::measure::{CandidateMeasured, Measured};
 use crate::model::{Model, Precision};
@@ -51,6 +53,7 @@ pub fn tradeoff(
     candidates: &[CandidateRecipe],
     watch: &Watch,
 ) -> Result<Tradeoff, Error> {
+    let dataset = &Imported::new(dataset);
     let attributes = &dataset.header().attributes;
     let scene = super::recipe_of(dataset)?.scene.file;
     let bake = attributes.hashes.get("bake").cloned().unwrap_or_default();
@@ -72,8 +75,9 @@ pub fn tradeoff(
             let when = format!("after {done} of {} candidates", candidates.len());
             return Err(Error::Stopped { when });
         }
-        let keep = candidate.poses.as_deref();
-        match fit_part(dataset, &candidate.recipe, &[], keep, Some(watch.cancelled)) {
+        let (keep, stop) = (candidate.poses.as_deref(), Some(watch.cancelled));
+        let data = Part { keep, stop, ..Part::default() };
+        match fit_part(dataset, &candidate.recipe, &data, &Shared::default()) {
             Ok(fitted) => this.add(dataset, candidate, &fitted, &mut batch)?,
             Err(Error::Fit(reason)) => {
                 this.skipped.insert(candidate.name.clone(), reason.to_string());
@@ -148,7 +152,7 @@ fn family(recipe: &super::recipe::Recipe) -> String {
 impl Tradeoff {
     fn add(
         &mut self,
-        dataset: &Dataset,
+        dataset: &Imported<'_>,
         candidate: &CandidateRecipe,
         fitted: &FittedModel,
         batch: &mut Vec<(String, Model)>,
@@ -174,7 +178,7 @@ impl Tradeoff {
     fn measure(
         &mut self,
         batch: &[(String, Model)],
-        dataset: &Dataset,
+        dataset: &Imported<'_>,
         watch: &Watch,
     ) -> Result<(), Error> {
         if batch.is_empty() {

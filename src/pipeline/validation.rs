@@ -1,22 +1,23 @@
 //! Candidates as they are, fitted without some training poses and measured on these.
 
 use super::candidates::CandidateRecipe;
+use super::imported::Imported;
 use super::measure::predict;
 use super::tradeoff::point;
 use super::workbench::Tried;
-use super::{Error, Job, encoding, fit_part, timing};
+use super::{Error, Part, encoding, fit_part, timing};
 use crate::dataset::Dataset;
+use crate::fit::Shared;
 use crate::model::{Model, Precision};
 
 /// Training data as validation data, at all points.
 pub(super) struct Validation<'a> {
-    dataset: &'a Dataset,
+    dataset: Imported<'a>,
     /// Index in the data set of every training pose.
     poses: Vec<usize>,
     /// Of every training pose.
     pub(super) clips: Vec<i32>,
     noise_variance: f64,
-    job: Job,
 }
 
 impl<'a> Validation<'a> {
@@ -25,21 +26,22 @@ impl<'a> Validation<'a> {
         let poses = splits.filter(|(_, split)| **split == 0).map(|(pose, _)| pose).collect();
         let training = dataset.training()?;
         let (clips, noise_variance) = (training.clips().to_vec(), training.noise_variance());
-        Ok(Self { dataset, poses, clips, noise_variance, job: super::job_of(dataset)? })
+        Ok(Self { dataset: Imported::new(dataset), poses, clips, noise_variance })
     }
 
     /// A candidate's points, and their mean square errors on the poses of a fold.
     pub(super) fn try_out(
         &self,
         candidate: &CandidateRecipe,
-        fold: &[usize],
+        (fold, shared): (&[usize], &Shared),
         evaluate_us: Option<f64>,
     ) -> Result<Tried, Error> {
         let keep: Vec<usize> = (0..self.poses.len()).filter(|pose| !fold.contains(pose)).collect();
-        let fitted = fit_part(self.dataset, &candidate.recipe, &[], Some(&keep), None)?;
+        let data = Part { keep: Some(&keep), ..Part::default() };
+        let fitted = fit_part(&self.dataset, &candidate.recipe, &data, shared)?;
         let evaluate_us = match evaluate_us {
             Some(time) => time,
-            None => timing::evaluate(&fitted.model, self.dataset)?.all_us,
+            None => timing::evaluate(&fitted.model, &self.dataset)?.all_us,
         };
         let (mut points, mut models) = (Vec::new(), Vec::new());
         for &precision in Precision::ALL {
@@ -56,15 +58,16 @@ impl<'a> Validation<'a> {
         let Some(first) = models.first() else { return Ok(Vec::new()) };
         let layout = &self.dataset.header().layout;
         let numbers = layout.points * layout.row();
-        let parameters = encoding::parameters(first, self.dataset)?;
+        let parameters = encoding::parameters(first, &self.dataset)?;
+        let job = first.needs_surface().then(|| self.dataset.job()).transpose()?;
         let (mut truth, mut found) = (vec![0.0; numbers], vec![0.0; numbers]);
         let mut sums = vec![0.0_f64; models.len()];
         for &pose in fold {
             let pose = self.poses[pose];
             self.dataset.read_points(&[pose], 0..layout.points, &mut truth)?;
-            let surface = first.needs_surface().then(|| self.job.surface(pose));
+            let surface = job.as_ref().map(|job| job.surface(pose));
             for (model, sum) in models.iter().zip(&mut sums) {
-                predict(model, self.dataset, &parameters, (pose, surface.as_ref()), &mut found)?;
+                predict(model, &self.dataset, &parameters, (pose, surface.as_ref()), &mut found)?;
                 let errors = found.iter().zip(&truth).map(|(y, t)| f64::from(y - t).powi(2));
                 *sum += errors.sum::<f64>();
             }

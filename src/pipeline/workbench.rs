@@ -12,6 +12,7 @@ use std::time::Instant;
 
 use super::candidates::CandidateRecipe;
 use super::fit::{Assembled, assemble, fit_sizes, geometry, order_kept, settings_for};
+use super::imported::Imported;
 use super::measure::evaluate_widened;
 use super::recipe::{FamilyName, OnName, ParametrisationName, Recipe};
 use super::tradeoff::{mesh_percent, point};
@@ -103,6 +104,7 @@ impl<'a> Workbench<'a> {
         let most = (MOST_NUMBERS / (poses.len() * layout.row()).max(1)).max(LEAST_POINTS);
         let points = sample(dataset.point_bones(), most.min(MOST_POINTS));
         let stored = super::recipe_of(dataset)?;
+        let imported = Imported::new(dataset);
         let mut this = Self {
             dataset,
             base: dataset.training()?.parts_at(&points)?,
@@ -117,7 +119,7 @@ impl<'a> Workbench<'a> {
         for candidate in candidates {
             let name = candidate.recipe.fit.parametrisation.unwrap_or(stored.poses.parametrisation);
             if this.encodings.iter().all(|known| known.name != name) {
-                this.encode(name, &stored, &points)?;
+                this.encode(&imported, name, &stored, &points)?;
             }
         }
         let looks = |c: &CandidateRecipe| {
@@ -133,6 +135,7 @@ impl<'a> Workbench<'a> {
 
     fn encode(
         &mut self,
+        imported: &Imported<'_>,
         name: ParametrisationName,
         stored: &Recipe,
         points: &[u32],
@@ -141,7 +144,7 @@ impl<'a> Workbench<'a> {
         recipe.fit.parametrisation = Some(name);
         // A family that goes by skin weights, so that these are read, too.
         recipe.fit.family = FamilyName::ClusteredLinear;
-        let (training, rig) = encoding::training(self.dataset, &recipe, &[])?;
+        let (training, rig) = encoding::training(imported, &recipe, &[])?;
         let some = |skin: &[Vec<(u32, f32)>]| {
             points.iter().map(|&point| skin[point as usize].clone()).collect()
         };
@@ -385,7 +388,7 @@ fn thinned(mut job: Job, points: &[u32]) -> Job {
 }
 
 /// The largest sizes among candidates.
-fn largest(candidates: &[CandidateRecipe]) -> Largest {
+pub(super) fn largest(candidates: &[CandidateRecipe]) -> Largest {
     let fits = || candidates.iter().map(|candidate| &candidate.recipe.fit);
     let outputs = fits().filter_map(|fit| fit.outputs).max().unwrap_or(0).max(40);
     let default = super::recipe::DEFAULT_CLUSTER_RETAINED;

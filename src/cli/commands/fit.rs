@@ -8,7 +8,9 @@ use crate::cli::{Answer, units};
 use crate::dataset::Dataset;
 use crate::model::Model;
 use crate::pipeline::recipe::Recipe;
-use crate::pipeline::{self, Checked, Confirmed, FittedModel, Range, VALIDATION, Watch, files};
+use crate::pipeline::{
+    self, Checked, ChoiceFigures, Confirmed, Figures, FittedModel, Range, Watch, files,
+};
 
 pub(in crate::cli) fn fit(args: &FitCommandArgs, watch: &Watch) -> anyhow::Result<Answer> {
     let dataset = Dataset::open(&args.dataset)?;
@@ -76,10 +78,11 @@ fn choose(
     files::publish(&args.output, &chosen.blob)?;
     let Confirmed { found, figures, met, .. } = &chosen;
     let remedy = (!met).then(|| found.shares.remedy());
-    let mut text = format!("{}\n{}", args.output.display(), story(&chosen));
-    if let Some(trimmed) = &chosen.trimmed {
-        text += &format!("\n  {}", trimmed.story());
+    let mut text = args.output.display().to_string();
+    if let Some(choice) = &figures.choice {
+        text += &format!("\n{}", story(choice, figures, *met));
     }
+    text += &format!("\n{}", super::measure::table(&figures.measured));
     if let Some(remedy) = &remedy {
         text += &format!("\n  the target is not met; what would help most: {}", remedy.advice());
     }
@@ -102,21 +105,22 @@ fn choose(
     Ok(answer)
 }
 
-/// What was looked at, what was taken of it, and its errors.
-fn story(chosen: &Confirmed) -> String {
-    let (found, point) = (&chosen.found, chosen.point());
-    let error = point.errors.get(VALIDATION).copied().unwrap_or_default();
-    format!(
-        "  {} of {} candidates in {}: {}, {} µs a pose; RMSE {:.5} leaving out {}\n{}",
-        if chosen.met { "the simplest that meets the target" } else { "the best that was reached" },
-        found.points.len() + found.estimates.len(),
-        units::seconds(found.search_s),
-        point.name,
-        point.evaluate_us.round(),
-        error.rms,
-        found.left_out,
-        super::measure::table(&chosen.figures.measured),
-    )
+/// What was looked at, and what was taken of it.
+pub(super) fn story(choice: &ChoiceFigures, figures: &Figures, met: bool) -> String {
+    let mut text = format!(
+        "  {} of {} candidates in {}: {}, {} µs a pose; RMSE {:.5} leaving out {}",
+        if met { "the simplest that meets the target" } else { "the best that was reached" },
+        choice.candidates,
+        units::seconds(choice.search_s),
+        choice.name,
+        figures.times.evaluate_us.round(),
+        choice.validation_rms,
+        choice.left_out,
+    );
+    if let Some(trimmed) = &choice.trimmed {
+        text += &format!("\n  {trimmed}");
+    }
+    text
 }
 
 /// A fitted model in a line.

@@ -2,8 +2,10 @@
 
 use serde_json::json;
 
+use super::Usage;
 use crate::cli::args::RunArgs;
 use crate::cli::{Answer, units};
+use crate::pipeline::recipe::{ChooseName, FitRecipe, Recipe};
 use crate::pipeline::{self, Job, Watch};
 
 pub(in crate::cli) fn run(args: &RunArgs, watch: &Watch) -> anyhow::Result<Answer> {
@@ -12,6 +14,8 @@ pub(in crate::cli) fn run(args: &RunArgs, watch: &Watch) -> anyhow::Result<Answe
     args.bake.edit(&mut recipe)?;
     args.fit.edit(&mut recipe);
     args.measure.edit(&mut recipe);
+    args.limits.edit(&mut recipe);
+    leave_open(args, &mut recipe)?;
     let places = (args.scene.as_path(), args.output.as_path());
     let chosen = super::bake::choose_rays(args.bake.choose_rays, places, &mut recipe, watch)?;
     let mut job = Job::open(&args.scene, recipe)?;
@@ -36,11 +40,17 @@ pub(in crate::cli) fn run(args: &RunArgs, watch: &Watch) -> anyhow::Result<Answe
     for notice in figures.model.notices.iter().chain(&short) {
         text += &format!("\n  note: {notice}");
     }
+    if let Some(choice) = &figures.choice {
+        text += &format!("\n{}", super::fit::story(choice, figures, outcome.met));
+    }
     if !outcome.made {
         text += "\n  model and figures were there already";
     }
     text += &format!("\n{}", super::measure::table(&figures.measured));
     text += &super::measure::verdict(outcome.met, job.checked.reference.max_error);
+    if let Some(remedy) = figures.choice.as_ref().and_then(|choice| choice.remedy.as_ref()) {
+        text += &format!("\n  the target is not met; what would help most: {remedy}");
+    }
     text += &format!("\n{}", args.output.join("report.html").display());
     let notices: Vec<String> = pipeline::notices(&job).into_iter().chain(short).collect();
     let json = json!({
@@ -53,4 +63,32 @@ pub(in crate::cli) fn run(args: &RunArgs, watch: &Watch) -> anyhow::Result<Answe
     let mut answer = Answer::new(text, json);
     answer.met = outcome.met;
     Ok(answer)
+}
+
+/// A target that is stated here chooses the model, where nothing but its family is said.
+fn leave_open(args: &RunArgs, recipe: &mut Recipe) -> anyhow::Result<()> {
+    let limit = args.limits.given();
+    if limit.is_none() && !args.measure.states_target() {
+        return Ok(());
+    }
+    let said = args.fit.chosen_flag().map(|flag| format!("{flag} says"));
+    let said = said.or_else(|| {
+        let family = match args.fit.names_family() {
+            true => recipe.fit.family,
+            false => FitRecipe::default().family,
+        };
+        let open = FitRecipe { family, seed: recipe.fit.seed, ..FitRecipe::default() };
+        (recipe.fit != open).then(|| "the recipe's `fit` says".to_owned())
+    });
+    recipe.target.choose = match (said, limit) {
+        (Some(said), Some(limit)) => {
+            let told = format!("{limit} chooses the model, but {said} which it is: leave one out");
+            return Err(Usage(told).into());
+        }
+        // A model that is said is judged.
+        (Some(_), None) => ChooseName::Nothing,
+        (None, _) if args.fit.names_family() => ChooseName::Sizes,
+        (None, _) => ChooseName::Any,
+    };
+    Ok(())
 }
