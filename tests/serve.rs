@@ -109,7 +109,10 @@ fn a_job_makes_what_the_command_line_makes() {
     let rest = server.get(&format!("{location}/events"), &[("Last-Event-ID", &last)]);
     assert_eq!(rest.text().trim(), "", "nothing comes after the end");
 
+    let late = server.post(&format!("{location}/cancel"), &json!({}), &[]);
+    assert_eq!(late.status, 409, "a job that succeeded is not cancelled: {}", late.text());
     let done = server.get(&location, &[]).json();
+    assert_eq!(done["state"], "succeeded");
     let model = done["result"]["href"].as_str().expect("a model").to_owned();
     let blob = server.get(&format!("{model}/blob"), &[]);
     assert!(blob.body == expected, "the service's model is not the command line's");

@@ -8,6 +8,12 @@ use super::Point;
 /// it lies above, were the errors normal.
 const MARGIN: f64 = 1.645;
 
+/// Figures that are estimated from some of the points may be off by this share.
+const DOUBT: f64 = 0.03;
+
+/// Times that are estimated may be off by this share.
+const TIME_DOUBT: f64 = 0.3;
+
 /// What a model must be; whatever is absent does not matter.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Target {
@@ -78,6 +84,26 @@ impl Target {
             .max(ratio(point.fit_s, self.max_fit_s))
             .max(1.0)
     }
+}
+
+/// Whether estimates leave a doubt about a choice: its figures are close to what the target bounds, or
+/// those of a rival are close to its own.
+#[must_use]
+pub fn is_doubtful(choice: &Point, rivals: &[Point], split: &str, target: &Target) -> bool {
+    let Some((largest, own)) = errors(choice, split) else { return true };
+    let near = |value: f64, bound: f64, share: f64| (value / bound - 1.0).abs() < share;
+    let Target { max_error, max_bytes, max_us, max_fit_s } = *target;
+    let bounded = max_error.is_some_and(|most| near(largest, most, DOUBT))
+        || max_bytes.is_some_and(|most| near(choice.bytes as f64, most as f64, DOUBT))
+        || max_us.is_some_and(|most| near(choice.evaluate_us, most, TIME_DOUBT))
+        || max_fit_s.is_some_and(|most| near(choice.fit_s, most, TIME_DOUBT));
+    let cheapest = max_error.is_some_and(|most| largest <= most);
+    let rivalled = |rival: &Point| match errors(rival, split) {
+        _ if cheapest => near(rival.bytes as f64, choice.bytes as f64, DOUBT),
+        Some((_, error)) => near(error, own, DOUBT),
+        None => false,
+    };
+    bounded || rivals.iter().any(rivalled)
 }
 
 /// The largest error that a point may have in truth, and the error itself.
@@ -207,6 +233,25 @@ mod tests {
         assert_eq!(decide(&points(), "novel", &nothing), Some(Choice::Missed(0)));
         assert_eq!(decide(&points(), "interpolated", &bytes), None);
         assert_eq!(decide(&[], "novel", &bytes), None);
+    }
+
+    /// A choice is in doubt where its figures are next to what the target bounds, or a rival's next to
+    /// its own by what counts: error, or bytes where the error is met.
+    #[test]
+    fn close_figures_leave_a_doubt() {
+        let choice = point(1000, 10.0, 0.05, None);
+        let rival = |bytes, rms| [point(bytes, 10.0, rms, None)];
+        let bytes = |most| Target { max_bytes: Some(most), ..Target::default() };
+        let doubtful =
+            |rivals: &[Point], target: &Target| is_doubtful(&choice, rivals, "novel", target);
+        assert!(!doubtful(&[], &bytes(2000)) && doubtful(&[], &bytes(1010)));
+        assert!(!doubtful(&rival(500, 0.06), &bytes(2000)));
+        assert!(doubtful(&rival(500, 0.051), &bytes(2000)));
+        assert!(!doubtful(&rival(1500, 0.0501), &max_error(0.1)));
+        assert!(doubtful(&rival(1010, 0.01), &max_error(0.1)));
+        assert!(doubtful(&[], &max_error(0.0505)) && doubtful(&[], &max_error(0.0495)));
+        let time = Target { max_us: Some(12.0), ..Target::default() };
+        assert!(doubtful(&[], &time), "times are guessed more coarsely");
     }
 
     /// An error that is only perhaps small enough is not.

@@ -7,7 +7,7 @@
 mod decide;
 mod front;
 
-pub use decide::{Choice, Remedy, Shares, Target, decide};
+pub use decide::{Choice, Remedy, Shares, Target, decide, is_doubtful};
 pub use front::front;
 
 use std::collections::BTreeMap;

@@ -2,8 +2,8 @@
 //! simplest that meets the target is fitted again to all of them.
 //!
 //! Two rounds: all candidates at some of the points, where fits share what they have in common
-//! ([`super::workbench`]), then the best of them as they are. [`exhaustive`] is the second round for
-//! all, which the first is measured against.
+//! ([`super::workbench`]), then the best of them as they are, where the first leaves a doubt.
+//! [`exhaustive`] is the second round for all, which the first is measured against.
 //!
 //! *Invariant:* held-out clips have no say; they only confirm what was chosen.
 
@@ -15,7 +15,7 @@ use super::recipe::{PrecisionName, Recipe, RidgeName};
 use super::validation::Validation;
 use super::workbench::{Tried, Workbench, largest, reaches};
 use super::{Error, FittedModel, fit};
-use crate::choose::{Choice, Point, Shares, SplitError, Target, decide, front};
+use crate::choose::{Choice, Point, Shares, SplitError, Target, decide, front, is_doubtful};
 use crate::dataset::Dataset;
 use crate::fit::Shared;
 use crate::model::Precision;
@@ -36,7 +36,8 @@ const FINALISTS: usize = 4;
 /// What a search found.
 #[derive(Debug)]
 pub struct Searched {
-    /// The candidates of the second round in every precision, their error under [`VALIDATION`].
+    /// The candidates of the second round in every precision, their error under [`VALIDATION`]; the
+    /// only one in question where the first round left no doubt, its errors by some of the points.
     pub points: Vec<Point>,
     /// The other candidates that were looked at to the end, their sizes, times and errors
     /// estimated from some of the points.
@@ -97,10 +98,21 @@ pub fn search(
     }
     drop(bench);
     entries.iter_mut().for_each(Entry::hold);
-    let best = best(&entries, target, FINALISTS);
+    let mut best = best(&entries, target, FINALISTS);
+    let tops: Vec<Point> = best.iter().map(|(_, point)| point.clone()).collect();
+    let clear = match tops.split_first() {
+        Some((first, rivals)) => !is_doubtful(first, rivals, VALIDATION, target),
+        None => return Err(Error::NothingToChoose),
+    };
+    best.truncate(if clear { 1 } else { FINALISTS });
+    let best: Vec<usize> = best.into_iter().map(|(entry, _)| entry).collect();
     let finalists: Vec<CandidateRecipe> = best.iter().map(|&i| entries[i].reaching()).collect();
     let others = entries.iter().enumerate().filter(|(i, _)| !best.contains(i));
     let estimates = others.flat_map(|(_, entry)| entry.finished()).collect();
+    if clear {
+        let only = Entry { candidate: &finalists[0], ..entries.swap_remove(best[0]) };
+        return conclude((dataset, target, start), &[only], estimates, left_out);
+    }
     let shared = || Shared::new(largest(&finalists));
     let exact = exactly(dataset, &finalists, Some(&shared), watch, start)?;
     conclude((dataset, target, start), &exact, estimates, left_out)
@@ -179,8 +191,9 @@ impl Count {
     }
 }
 
-/// The entries that the target would choose, one after another, each without those before it.
-fn best(entries: &[Entry<'_>], target: &Target, count: usize) -> Vec<usize> {
+/// The entries that the target would choose, one after another, each without those before it, with
+/// the point that it would take.
+fn best(entries: &[Entry<'_>], target: &Target, count: usize) -> Vec<(usize, Point)> {
     let mut rest: Vec<(usize, Point)> = (entries.iter().enumerate())
         .flat_map(|(i, entry)| entry.finished().into_iter().map(move |point| (i, point)))
         .collect();
@@ -190,8 +203,8 @@ fn best(entries: &[Entry<'_>], target: &Target, count: usize) -> Vec<usize> {
         let Some(Choice::Met(at) | Choice::Missed(at)) = decide(&points, VALIDATION, target) else {
             break;
         };
-        let entry = rest[at].0;
-        chosen.push(entry);
+        let (entry, point) = rest[at].clone();
+        chosen.push((entry, point));
         rest.retain(|(i, _)| *i != entry);
     }
     chosen
@@ -204,7 +217,7 @@ fn conclude(
     estimates: Vec<Point>,
     left_out: String,
 ) -> Result<Searched, Error> {
-    let points: Vec<Point> = entries.iter().flat_map(Entry::finished).collect();
+    let mut points: Vec<Point> = entries.iter().flat_map(Entry::finished).collect();
     let of_point = entries.iter().flat_map(|e| e.points.iter().map(move |_| e.candidate));
     let choice = decide(&points, VALIDATION, target).ok_or(Error::NothingToChoose)?;
     let (chosen, met) = match choice {
@@ -220,6 +233,8 @@ fn conclude(
         Precision::I8 => PrecisionName::I8,
     };
     let fitted = fit(dataset, &recipe)?;
+    // Of the model itself, where an estimate stood.
+    points[chosen].bytes = fitted.model.to_bytes(precision)?.len() as u64;
     let square = points[chosen].errors.get(VALIDATION).map_or(0.0, |error| error.rms.powi(2));
     let shares = shares(dataset, &fitted, square)?;
     let search_s = start.elapsed().as_secs_f64();
