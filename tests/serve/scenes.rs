@@ -136,7 +136,10 @@ fn cloth_is_evaluated_by_its_vertices() {
     refused(json!({ "positions": [] }), "#/positions");
     refused(json!({ "positions": [sheet(0.0)], "poses": [{}] }), "#");
     let scene = json!({ "assets": { "sheet.npz": digest } });
-    refused(json!({ "positions": [sheet(0.0)], "scene": scene }), "#/scene");
+    let plain = server.post(&model, &json!({ "positions": [sheet(0.0)] }), &[]).json();
+    let named = json!({ "positions": [sheet(0.0)], "scene": scene });
+    let named = server.post(&model, &named, &[]);
+    assert_eq!((named.status, &named.json()["values"]), (200, &plain["values"]), "its own scene");
     refused(json!({ "poses": [{}], "scene": { "assets": { "a.npz": "x" } } }), "#/scene/assets");
     let placed = json!({ "poses": [{}], "scene": scene, "vertices": [4, 0] });
     assert_eq!(server.post(&model, &placed, &[]).json()["values"], rest["values"]);
