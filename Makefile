@@ -13,7 +13,7 @@ BIN = $(or $(CARGO_TARGET_DIR),target)/release/poselight
 FUZZ_RUNS ?= 10000000
 # Where the demo goes and what it adds; a test runs it small with a binary that is already built.
 DEMO ?= demo
-DEMO_FLAGS ?= --rays 128 --reference-poses 30
+DEMO_FLAGS ?= --rays 128 --reference-poses 30 --family occluder --include-rest
 BUILT ?= build
 
 .PHONY: demo serve test bench soak fuzz grpc openapi setup build
