@@ -464,11 +464,15 @@ fn a_character_is_refined() {
     assert_eq!((&before["clips"], &before["joints"]), (&after["clips"], &after["joints"]));
     assert_eq!(after["triangles"].as_u64(), Some(triangles), "{after}");
     fs::write(studio.path("plain.gltf"), "{}").expect("written");
+    let patch = "v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 3 2\n";
+    fs::write(studio.path("patch.obj"), patch).expect("written");
     for (words, status, evidence) in [
         (refine(&["--max-triangles", "10"]), 2, "less than the"),
         (refine(&["--until", "0"]), 2, "positive"),
         (refine(&["--curvature", "2"]), 2, "--measure curvature"),
         (refine(&["--bounces", "1"]), 2, "bake.bounces"),
+        (refine(&["--receivers", "patch.obj"]), 2, "bake.surroundings.receivers"),
+        (refine(&["--choose-rays"]), 2, "--choose-rays"),
         (vec!["subdivide", "plain.gltf", "-o", "fine.glb"], 1, "plain.gltf"),
     ] {
         let (found, message) = studio.fail(&words);

@@ -4,6 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use serde_json::json;
 
+use super::Usage;
 use crate::cli::subdivide_args::SubdivideArgs;
 use crate::cli::{Answer, units};
 use crate::pipeline::{self, Job, Subdivided, files};
@@ -14,10 +15,10 @@ pub(in crate::cli) fn subdivide(args: &SubdivideArgs, stop: &AtomicBool) -> anyh
     let mut recipe = super::start(&args.recipe)?;
     args.poses.edit(&mut recipe);
     args.bake.edit(&mut recipe)?;
-    anyhow::ensure!(
-        !args.bake.choose_rays,
-        "--choose-rays is of bakes: a refined mesh has no model"
-    );
+    if args.bake.choose_rays {
+        let told = "--choose-rays is of bakes: a refined mesh has no model";
+        return Err(Usage(told.to_owned()).into());
+    }
     let job = Job::open(&args.scene, recipe)?;
     let refinement = args.refinement(job.scene.mesh.triangles.len())?;
     if args.dry_run {
