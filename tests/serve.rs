@@ -477,14 +477,22 @@ fn the_readme_works_as_typed() {
     }
     assert!(script.lines().count() > 5, "README shows nothing: {script}");
     let server = Server::start(&[]);
-    let small =
-        r#"{"rays": 4, "signal": "ao"}, "poses": {"rate_hz": 4}, "target": {"reference_poses": 1}"#;
-    let script = script
+    let smaller = [
+        (r#"{"rays": 64}"#, r#"{"rays": 4, "signal": "ao"}"#),
+        (r#"{"rate_hz": 10}"#, r#"{"rate_hz": 4}"#),
+        (r#"{"reference_poses": 10}"#, r#"{"reference_poses": 1}"#),
+        ("--rays 64", "--recipe recipe.json"),
+    ];
+    let mut script = script
         .replace("localhost:7878", server.url().trim_start_matches("http://"))
-        .replace(r#"{"rays": 64}"#, small)
-        .replace("clients/python", &root.join("clients/python").display().to_string())
-        .replace("--rays 64", "--recipe recipe.json");
-    let recipe = format!(r#"{{"version": 1, "bake": {small}}}"#);
+        .replace("clients/python", &root.join("clients/python").display().to_string());
+    for (typed, small) in smaller {
+        assert!(script.contains(typed), "README has no {typed}: {script}");
+        script = script.replace(typed, small);
+    }
+    let [bake, poses, target] = [smaller[0].1, smaller[1].1, smaller[2].1];
+    let recipe =
+        format!(r#"{{"version": 1, "bake": {bake}, "poses": {poses}, "target": {target}}}"#);
     fs::write(server.path("recipe.json"), recipe).expect("written");
     fs::copy(server.path("figure.glb"), server.path("hero.glb")).expect("copied");
     let output = std::process::Command::new("bash")
