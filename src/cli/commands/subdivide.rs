@@ -48,7 +48,7 @@ fn with_attributes(job: &Job, done: &Subdivided, args: &SubdivideArgs) -> anyhow
     let mut attributes = Vec::new();
     if args.values {
         let values = done.values.as_ref().ok_or_else(|| {
-            super::Usage(
+            Usage(
                 "--values has no room where several nodes show one mesh; give each its own".into(),
             )
         })?;
