@@ -473,6 +473,8 @@ fn a_character_is_refined() {
         (refine(&["--bounces", "1"]), 2, "bake.bounces"),
         (refine(&["--receivers", "patch.obj"]), 2, "bake.surroundings.receivers"),
         (refine(&["--choose-rays"]), 2, "--choose-rays"),
+        (vec!["subdivide", "figure.glb", "-o", "figure.glb"], 2, "replace the scene figure.glb"),
+        (vec!["apply", "no.st", "figure.glb", "-o", "./figure.glb"], 2, "replace the scene"),
         (vec!["subdivide", "plain.gltf", "-o", "fine.glb"], 1, "plain.gltf"),
     ] {
         let (found, message) = studio.fail(&words);

@@ -9,7 +9,7 @@ use super::{
     CandidateRecipe, Checked, Error, Figures, Hashes, Searched, Trimmed, VALIDATION, Watch, fit,
     meets_target, search,
 };
-use crate::choose::{Point, Target};
+use crate::choose::{Point, Shares, Target};
 use crate::dataset::Dataset;
 use crate::model::Model;
 
@@ -93,7 +93,43 @@ fn story(
         left_out: found.left_out.clone(),
         validation_rms: point.errors.get(VALIDATION).map_or(0.0, |error| error.rms),
         met: found.met,
-        remedy: (!met).then(|| found.shares.remedy().advice().to_owned()),
+        remedy: (!met).then(|| advice(&target(asked), point, &found.shares)),
         trimmed: trimmed.map(Trimmed::story),
+    }
+}
+
+/// What would help most where a target is missed: room for the cheapest that there is, or a better model.
+fn advice(target: &Target, point: &Point, shares: &Shares) -> String {
+    let bytes = target.max_bytes.filter(|&most| point.bytes > most);
+    let us = target.max_us.filter(|&most| point.evaluate_us > most);
+    let fit_s = target.max_fit_s.filter(|&most| point.fit_s > most);
+    if let Some(most) = bytes {
+        return format!("to allow {} bytes instead of {most}", point.bytes);
+    }
+    if let Some(most) = us {
+        return format!("to allow {:.0} µs a pose instead of {most}", point.evaluate_us.ceil());
+    }
+    if let Some(most) = fit_s {
+        return format!("to allow {:.2} s for the fit instead of {most}", point.fit_s);
+    }
+    shares.remedy().advice().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Where a cost is what is missed, more rays or richer models are no advice.
+    #[test]
+    fn a_missed_cost_asks_for_room() {
+        let point = Point { bytes: 900, evaluate_us: 12.3, ..Point::default() };
+        let shares = Shares { noise: 0.0, bias: 1.0, coverage: 0.0 };
+        let told = |target: &Target| advice(target, &point, &shares);
+        let bytes = Target { max_bytes: Some(10), ..Target::default() };
+        assert_eq!(told(&bytes), "to allow 900 bytes instead of 10");
+        let us = Target { max_us: Some(1.0), max_bytes: Some(900), ..Target::default() };
+        assert_eq!(told(&us), "to allow 13 µs a pose instead of 1");
+        let error = Target { max_error: Some(0.1), ..Target::default() };
+        assert_eq!(told(&error), shares.remedy().advice());
     }
 }

@@ -207,6 +207,19 @@ const IMPORTS: usize = 2;
 /// Between two looks whether a disk that was broken is mended.
 const MENDED: Duration = Duration::from_secs(2);
 
+/// Lets this process open as many files as the system lets it: every connection is one.
+fn raise_open_files() {
+    #[cfg(unix)]
+    {
+        use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+        let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
+        let raised = Rlimit { current: maximum, maximum };
+        if let Err(error) = setrlimit(Resource::Nofile, raised) {
+            tracing::debug!(%error, "the limit of open files stays");
+        }
+    }
+}
+
 /// Serves until `stop` is set. `ready` is told the address, which matters where port 0 was asked
 /// for.
 ///
@@ -229,6 +242,7 @@ pub fn serve(
         .enable_all()
         .build()
         .map_err(Error::Threads)?;
+    raise_open_files();
     let first = open(&settings)?;
     let listener = TcpListener::bind(address).map_err(listen)?;
     listener.set_nonblocking(true).map_err(listen)?;

@@ -1,13 +1,14 @@
 //! What a running job says: its progress, not too often, and its log.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-use super::Service;
 use super::runner::Pulse;
 use super::store::{Job, Level, now_ms};
+use super::{Service, StoreError};
 use crate::pipeline::{Progress, Stage};
 
 /// Between two records of progress; each costs a write to disk.
@@ -18,6 +19,7 @@ pub(super) struct Recorder<'a> {
     service: &'a Service,
     job: &'a Job,
     pulse: &'a Pulse,
+    brake: &'a AtomicBool,
     last: Mutex<Option<Last>>,
 }
 
@@ -31,8 +33,13 @@ struct Last {
 }
 
 impl<'a> Recorder<'a> {
-    pub(super) fn new(service: &'a Service, job: &'a Job, pulse: &'a Pulse) -> Self {
-        Self { service, job, pulse, last: Mutex::new(None) }
+    /// The brake stops the job where another process has taken it over.
+    pub(super) fn new(
+        service: &'a Service,
+        job: &'a Job,
+        (pulse, brake): (&'a Pulse, &'a AtomicBool),
+    ) -> Self {
+        Self { service, job, pulse, brake, last: Mutex::new(None) }
     }
 
     /// Takes note of progress; the job is alive.
@@ -54,7 +61,13 @@ impl<'a> Recorder<'a> {
             self.log(Level::Info, &format!("stage {}: {done} of {total} done", stage.name()));
         }
         let text = show(progress, first).to_string();
-        if let Err(error) = self.service.store.progress(self.job.seq, &text) {
+        // Blocks of a bake are kept over restarts; other stages start over.
+        let is_kept = matches!(progress.stage, Stage::Bake | Stage::Reference);
+        let further = is_kept && progress.done > first;
+        if let Err(error) = self.service.store.progress(self.job.seq, &text, further) {
+            if matches!(error, StoreError::Fenced) {
+                self.brake.store(true, Ordering::Relaxed);
+            }
             tracing::warn!(job = self.job.id, %error, "cannot write down progress");
         }
     }

@@ -165,7 +165,7 @@ fn one(service: &Service, job: &Job, brake: &AtomicBool, pulse: &Pulse) {
     if let Ok(Some(Job { state: State::Cancelling, .. })) = service.store.job(&job.id) {
         brake.store(true, Ordering::Relaxed);
     }
-    let recorder = Recorder::new(service, job, pulse);
+    let recorder = Recorder::new(service, job, (pulse, brake));
     let attempt = || stages::run(service, job, brake, &recorder);
     let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(attempt));
     let outcome = outcome.unwrap_or_else(|panic| {

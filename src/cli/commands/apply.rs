@@ -16,6 +16,7 @@ use crate::sh::bent_normal;
 const AMBIENT: f32 = 3.544_907_7;
 
 pub(in crate::cli) fn apply(args: &ApplyArgs) -> anyhow::Result<Answer> {
+    super::keep_input(&args.scene, &args.output)?;
     let model = Model::from_bytes(&files::read(&args.model, super::MOST_MODEL_BYTES)?)?;
     let scene = pipeline::import(&args.scene)?;
     let receivers = args.receivers.as_deref().map(pipeline::import).transpose()?;

@@ -83,8 +83,8 @@ fn choose(
         text += &format!("\n{}", story(choice, figures, *met));
     }
     text += &format!("\n{}", super::measure::table(&figures.measured));
-    if let Some(remedy) = &remedy {
-        text += &format!("\n  the target is not met; what would help most: {}", remedy.advice());
+    if let Some(remedy) = figures.choice.as_ref().and_then(|choice| choice.remedy.as_ref()) {
+        text += &format!("\n  the target is not met; what would help most: {remedy}");
     }
     let json = json!({
         "model": args.output,

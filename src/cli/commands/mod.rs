@@ -63,6 +63,16 @@ pub(super) struct UnreadRecipe {
 #[error("{0}")]
 pub(super) struct Usage(pub(super) String);
 
+/// Refuses to write over what is read.
+fn keep_input(input: &Path, output: &Path) -> Result<(), Usage> {
+    let same = match (input.canonicalize(), output.canonicalize()) {
+        (Ok(input), Ok(output)) => input == output,
+        _ => false,
+    };
+    let told = || format!("the output would replace the scene {}: name another", input.display());
+    if same { Err(Usage(told())) } else { Ok(()) }
+}
+
 /// The recipe to start from.
 fn start(args: &RecipeArgs) -> anyhow::Result<Recipe> {
     args.recipe.as_deref().map_or_else(|| Ok(Recipe::default()), read_recipe)

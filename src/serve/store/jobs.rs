@@ -1,6 +1,8 @@
 //! The table of jobs, and every change of a job's state.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::Path;
 
 use rusqlite::{OptionalExtension, Row, Transaction, params};
 use serde_json::json;
@@ -292,7 +294,9 @@ impl Store {
     /// # Errors
     /// What the database or the disk objects to.
     pub(in crate::serve) fn delete_job(&self, id: &str) -> Result<Deleted, Error> {
-        let mut last_of_bake = None;
+        let aside = self.folder.incoming()?;
+        let held = aside.path().join("work");
+        let mut moved = None;
         let outcome = self.write(|tx| {
             let Some(job) = get(tx, id)? else { return Ok(Deleted::Unknown) };
             if !job.state.is_final() {
@@ -302,15 +306,23 @@ impl Store {
             tx.execute("DELETE FROM logs WHERE job = ?1", [job.seq])?;
             tx.execute("DELETE FROM keys WHERE job = ?1", [id])?;
             tx.execute("DELETE FROM jobs WHERE seq = ?1", [job.seq])?;
-            last_of_bake = (!has_dataset(tx, &job.bake)?).then_some(job.bake);
+            if !has_dataset(tx, &job.bake)? {
+                // Now, while nobody can submit a job that would count on it; deleting takes longer.
+                let work = self.folder.work(&job.bake);
+                moved = set_aside(&work, &held)?.then_some(work);
+            }
             Ok(Deleted::Yes)
-        })?;
+        });
+        if outcome.is_err()
+            && let Some(work) = &moved
+        {
+            // The job is still there, and so is its data set.
+            let _ = fs::rename(&held, work);
+        }
+        let outcome = outcome?;
         if matches!(outcome, Deleted::Yes) {
             remove(&self.folder.sources(id))?;
             remove(&self.folder.results(id))?;
-        }
-        if let Some(bake) = last_of_bake {
-            remove(&self.folder.work(&bake))?;
         }
         Ok(outcome)
     }
@@ -329,6 +341,15 @@ impl Store {
             }
             Ok(())
         })
+    }
+}
+
+/// Moves a folder away; whether it was there.
+fn set_aside(from: &Path, to: &Path) -> Result<bool, Error> {
+    match fs::rename(from, to) {
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(false),
+        Err(source) => Err(Error::Io { action: "move", path: from.to_path_buf(), source }),
     }
 }
 
