@@ -71,30 +71,41 @@ pub(super) async fn put(
         let detail = format!("the {bytes} bytes received have the SHA-256 {found}");
         return Err(Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "hash-mismatch", detail));
     }
-    let permit = service.imports.acquire().await.map_err(|error| Problem::internal(&error))?;
     let worker = Arc::clone(&service);
-    let shown = blocking(move || {
+    let shown = importing(&service, move || {
         let parts = parts(&worker, &path, incoming.path())?;
         let asset = keep(&worker, &path, &sha256, bytes, parts.is_some())?;
         Ok(show(&asset, parts))
     });
     let shown = shown.await?;
-    drop(permit);
     Ok(answer::json(StatusCode::CREATED, &shown))
+}
+
+/// Runs work that may take gigabytes when it is its turn. Its place is free again when it ends, whether
+/// or not somebody still waits for it.
+pub(super) async fn importing<T: Send + 'static>(
+    service: &Service,
+    work: impl FnOnce() -> Result<T, Problem> + Send + 'static,
+) -> Result<T, Problem> {
+    let places = Arc::clone(&service.imports);
+    let permit = places.acquire_owned().await.map_err(|error| Problem::internal(&error))?;
+    blocking(move || {
+        let _until_done = permit;
+        work()
+    })
+    .await
 }
 
 /// An asset that was there. Files of an archive may have been removed since: they are there again.
 async fn again(service: &Arc<Service>, asset: &Asset) -> Result<Response, Problem> {
     let mut parts = None;
     if asset.kind == BUNDLE {
-        let permit = service.imports.acquire().await.map_err(|error| Problem::internal(&error))?;
         let (worker, sha256) = (Arc::clone(service), asset.sha256.clone());
-        let unpacked = blocking(move || {
+        let unpacked = importing(service, move || {
             let incoming = worker.store.folder().incoming()?;
             bundle::unpack(&worker, &worker.store.folder().asset(&sha256), incoming.path())
         });
         parts = Some(unpacked.await?);
-        drop(permit);
     }
     Ok(answer::json(StatusCode::OK, &show(asset, parts)))
 }

@@ -27,12 +27,11 @@ struct Listener {
     bell: watch::Receiver<()>,
     stopping: watch::Receiver<bool>,
     job: i64,
+    id: String,
     after: i64,
     /// Read but not sent.
     waiting: VecDeque<Event>,
     ended: bool,
-    /// Whether the job had ended when this began: then there is nothing to wait for.
-    had_ended: bool,
 }
 
 impl Listener {
@@ -51,9 +50,15 @@ impl Listener {
             // Before the events are read: what comes later rings again.
             self.bell.mark_unchanged();
             let (service, job, after) = (Arc::clone(&self.service), self.job, self.after);
-            self.waiting =
-                blocking(move || Ok(service.store.events(job, after)?)).await.ok()?.into();
-            if self.waiting.is_empty() && self.had_ended {
+            let id = self.id.clone();
+            let look = blocking(move || {
+                // The state first: of a job that has ended all events are there.
+                let ended = service.store.job(&id)?.is_none_or(|job| job.state.is_final());
+                Ok((ended, service.store.events(job, after)?))
+            });
+            let (ended, events) = look.await.ok()?;
+            self.waiting = events.into();
+            if self.waiting.is_empty() && ended {
                 return None;
             }
             if self.waiting.is_empty() {
@@ -92,7 +97,7 @@ pub(super) async fn get(
         after,
         waiting: VecDeque::new(),
         ended: false,
-        had_ended: job.state.is_final(),
+        id: job.id,
         service,
     };
     let stream = stream::unfold(listener, Listener::next);

@@ -11,6 +11,7 @@ use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
 use super::answer::{self, Params, blocking, bytes, text};
+use super::assets::importing;
 use super::guard::Client;
 use super::prepare::prepare;
 use super::problem::Problem;
@@ -64,7 +65,7 @@ pub(super) async fn submit(
 ) -> Result<Response, Problem> {
     // Held from the first byte on: who sends slowly holds nobody's key but its own.
     let key = key(&headers, client.name)?.filter(|_| !query.dry_run);
-    let _held = key.as_ref().map(|key| hold(&service, key)).transpose()?;
+    let held = key.as_ref().map(|key| hold(&service, key)).transpose()?;
     let body = bytes(&headers, body, service.settings.limits.body_bytes).await?;
     let request = JobRequest::read(&body)?;
     let body_sha256 = hexadecimal(&Sha256::digest(&body));
@@ -76,17 +77,18 @@ pub(super) async fn submit(
             return accepted(&service, seen);
         }
     }
-    let permit = service.imports.acquire().await.map_err(|error| Problem::internal(&error))?;
     let worker = Arc::clone(&service);
-    let answer = match query.dry_run {
-        true => blocking(move || dry_run(&worker, &request)).await,
-        false => {
-            blocking(move || accepted(&worker, prepare(&worker, request, key.as_ref())?)).await
-        }
-    };
-    drop(permit);
-    service.runner.wake();
-    answer
+    if query.dry_run {
+        return importing(&service, move || dry_run(&worker, &request)).await;
+    }
+    importing(&service, move || {
+        // The key too is held until the end, even where the client's patience ends before.
+        let _held = held;
+        let answer = accepted(&worker, prepare(&worker, request, key.as_ref())?);
+        worker.runner.wake();
+        answer
+    })
+    .await
 }
 
 /// Whose key and which, if there is one.

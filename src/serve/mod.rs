@@ -188,7 +188,7 @@ struct Service {
     /// Idempotency keys whose first request is being handled.
     keys: Mutex<BTreeSet<(String, String)>>,
     /// Scenes that are imported at once.
-    imports: Semaphore,
+    imports: Arc<Semaphore>,
     /// Turns true once, when the service is to end.
     stopping: watch::Receiver<bool>,
     /// Whether requests need a token.
@@ -311,7 +311,7 @@ fn run(
         metrics: Metrics::default(),
         rates: Rates::default(),
         keys: Mutex::default(),
-        imports: Semaphore::new(IMPORTS),
+        imports: Arc::new(Semaphore::new(IMPORTS)),
         stopping,
         guarded,
     });

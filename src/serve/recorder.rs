@@ -61,10 +61,7 @@ impl<'a> Recorder<'a> {
             self.log(Level::Info, &format!("stage {}: {done} of {total} done", stage.name()));
         }
         let text = show(progress, first).to_string();
-        // Blocks of a bake are kept over restarts; other stages start over.
-        let is_kept = matches!(progress.stage, Stage::Bake | Stage::Reference);
-        let further = is_kept && progress.done > first;
-        if let Err(error) = self.service.store.progress(self.job.seq, &text, further) {
+        if let Err(error) = self.service.store.progress(self.job.seq, &text) {
             if matches!(error, StoreError::Fenced) {
                 self.brake.store(true, Ordering::Relaxed);
             }

@@ -196,6 +196,11 @@ impl JobRequest {
         }
         for (name, sha256) in &self.assets {
             let pointer = format!("#/assets/{}", name.replace('~', "~0").replace('/', "~1"));
+            let mut above = name.match_indices('/').map(|(at, _)| &name[..at]);
+            if let Some(file) = above.find(|&folder| self.assets.contains_key(folder)) {
+                let fault = format!("`{file}` is a file of this job, so nothing lies in it");
+                return Err(Problem::field(&pointer, fault));
+            }
             if !is_safe(name) {
                 let fault = "a name is relative, with `/` between parts, and leaves no folder";
                 return Err(Problem::field(pointer, fault));
@@ -398,6 +403,8 @@ mod tests {
         assert_eq!(fault(r#"{"version":1,"scene":{"file":"b"}}"#, &one), "#/recipe/scene/file");
         assert_eq!(fault(sound, "{}"), "#/assets");
         assert_eq!(fault(sound, r#"{"a.glb":"../../etc"}"#), "#/assets/a.glb");
+        let inside = format!(r#"{{"a":"{digest}","a/b.glb":"{digest}"}}"#);
+        assert_eq!(fault(sound, &inside), "#/assets/a~1b.glb");
         assert_eq!(fault(sound, &format!(r#"{{"../a":"{digest}"}}"#)), "#/assets/..~1a");
         for body in
             ["", "[", "{}", "null", &"[".repeat(10_000), r#"{"kind":"run","priority":1e999}"#]

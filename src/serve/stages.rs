@@ -18,7 +18,7 @@ use crate::model::Model;
 use crate::pipeline::{self, Checked, Watch, files};
 
 /// A job that was started so often without an end brings the service down, and is given up.
-const MOST_ATTEMPTS: i64 = 5;
+const MOST_ATTEMPTS: i64 = 20;
 
 /// A model's blob at most.
 const MOST_MODEL_BYTES: u64 = 4 << 30;

@@ -80,21 +80,12 @@ impl Store {
         Ok(())
     }
 
-    /// Records how far a running job is. Where it has come further for good, earlier ends of the
-    /// service no longer count against it.
+    /// Records how far a running job is.
     ///
     /// # Errors
     /// What the database objects to.
-    pub(in crate::serve) fn progress(
-        &self,
-        job: i64,
-        data: &str,
-        further: bool,
-    ) -> Result<(), Error> {
+    pub(in crate::serve) fn progress(&self, job: i64, data: &str) -> Result<(), Error> {
         self.write(|tx| {
-            if further {
-                tx.execute("UPDATE jobs SET attempts = 1 WHERE seq = ?1 AND attempts > 1", [job])?;
-            }
             tx.execute("UPDATE jobs SET progress = ?2 WHERE seq = ?1", params![job, data])?;
             add(tx, job, "progress", data)
         })?;

@@ -64,21 +64,6 @@ fn a_restart_recovers_every_job() {
     assert!(matches!(store.delete_job("b").unwrap(), Deleted::Unknown));
 }
 
-/// Ends of the service count against a job only where it came no further between them.
-#[test]
-fn a_job_that_comes_further_is_not_given_up() {
-    let folder = tempfile::tempdir().unwrap();
-    let attempts = |further: bool| {
-        let store = Store::open(folder.path()).unwrap();
-        let job = store.claim(10).unwrap().unwrap();
-        store.progress(job.seq, "{}", further).unwrap();
-        store.job("a").unwrap().unwrap().attempts
-    };
-    accepted(&Store::open(folder.path()).unwrap(), &new("a", "x"));
-    assert_eq!([(); 3].map(|()| attempts(false)), [1, 2, 3]);
-    assert_eq!([attempts(true), attempts(true), attempts(false)], [1, 1, 2]);
-}
-
 /// The data set of the last job that was deleted is gone with it at once, and nothing else is.
 #[test]
 fn a_deleted_data_set_is_not_counted_on() {
@@ -122,10 +107,7 @@ fn a_lost_folder_is_not_written() {
     store.lock().execute("UPDATE meta SET value = value + 1 WHERE key = 'epoch'", []).unwrap();
     assert!(matches!(store.submit(&new("a", "x"), None), Err(Error::Fenced)));
     assert!(matches!(store.claim(10), Err(Error::Fenced)));
-    assert!(
-        matches!(store.progress(1, "{}", false), Err(Error::Fenced)),
-        "a running job hears of it"
-    );
+    assert!(matches!(store.progress(1, "{}"), Err(Error::Fenced)), "a running job hears of it");
 }
 
 /// Tokens are found by hash only, expire, and can be taken back.
