@@ -2,6 +2,7 @@
 //! the time and size of a request's head, and let go in peace when the service ends.
 
 use std::io::Cursor;
+use std::pin::pin;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -9,7 +10,7 @@ use std::time::Duration;
 use axum::Router;
 use hyper::server::conn::{http1, http2};
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
-use hyper_util::server::graceful::{GracefulShutdown, Watcher};
+use hyper_util::server::graceful::GracefulShutdown;
 use hyper_util::service::TowerToHyperService;
 use tokio::io::AsyncReadExt;
 use tokio::net::{TcpListener, TcpStream};
@@ -35,6 +36,10 @@ const LOOK: Duration = Duration::from_secs(20);
 
 /// After a failure to accept, such as no free descriptor.
 const PAUSE: Duration = Duration::from_millis(100);
+
+/// How long the first bytes of a connection are waited for once the service ends: a request that was on
+/// its way is answered.
+const LINGER: Duration = Duration::from_secs(2);
 
 /// What a client of HTTP/2 begins with where nothing else tells the version (RFC 9113, §3.4). No
 /// method of HTTP/1 begins as its first three letters do.
@@ -72,25 +77,40 @@ impl Speaker {
     }
 
     /// One connection to its end.
-    async fn speak(&self, mut stream: TcpStream, watcher: Watcher) {
+    async fn speak(&self, mut stream: TcpStream) {
         let mut first = Vec::with_capacity(PREFACE.len());
-        let mut stopping = self.stopping.clone();
         let begun = tokio::select! {
             begun = tokio::time::timeout(self.patience, begin(&mut stream, &mut first)) => begun,
-            _ = stopping.wait_for(|stopping| *stopping) => return,
+            () = async { self.stopped().await; tokio::time::sleep(LINGER).await } => return,
         };
         let Ok(Ok(is_http2)) = begun else { return };
         // What was read to find out is read again.
         let (reading, writing) = stream.into_split();
         let io = TokioIo::new(tokio::io::join(Cursor::new(first).chain(reading), writing));
-        // A client that vanishes is no fault of ours.
+        // The connection first: one that is told to end before it has looked at what was read would
+        // drop it. A client that vanishes is no fault of ours.
         if is_http2 {
-            let connection = self.http2.serve_connection(io, self.app.clone());
-            let _ = watcher.watch(connection).await;
+            let mut connection = pin!(self.http2.serve_connection(io, self.app.clone()));
+            tokio::select! {
+                biased;
+                _ = connection.as_mut() => return,
+                () = self.stopped() => connection.as_mut().graceful_shutdown(),
+            }
+            let _ = connection.await;
         } else {
-            let connection = self.http1.serve_connection(io, self.app.clone());
-            let _ = watcher.watch(connection).await;
+            let mut connection = pin!(self.http1.serve_connection(io, self.app.clone()));
+            tokio::select! {
+                biased;
+                _ = connection.as_mut() => return,
+                () = self.stopped() => connection.as_mut().graceful_shutdown(),
+            }
+            let _ = connection.await;
         }
+    }
+
+    async fn stopped(&self) {
+        // An error says that nobody is left who could stop it: then the process ends.
+        let _ = self.stopping.clone().wait_for(|stopping| *stopping).await;
     }
 }
 
@@ -159,7 +179,8 @@ pub(super) async fn accept(
             (Arc::clone(&open), Arc::clone(&speaker), graceful.watcher());
         open.fetch_add(1, Ordering::Relaxed);
         tokio::spawn(async move {
-            speaker.speak(stream, watcher).await;
+            speaker.speak(stream).await;
+            drop(watcher);
             open.fetch_sub(1, Ordering::Relaxed);
             drop(place);
         });

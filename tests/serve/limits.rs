@@ -2,7 +2,7 @@
 //! long, signals, rates, origins and settings.
 
 use std::fs;
-use std::io::Write;
+use std::io::{Read, Write};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
@@ -31,6 +31,20 @@ fn clients_that_do_not_read_are_let_go() {
     }
     drop(slow);
     assert_eq!(server.get(&path, &[]).body, large, "one that reads gets it");
+}
+
+/// A request on a connection that was open when the service was told to end is still answered.
+#[test]
+fn what_was_on_its_way_is_answered() {
+    let server = Server::start(&[]);
+    let mut stream = server.connect();
+    assert_eq!(server.get("/health", &[]).status, 200, "the connection before is accepted");
+    server.signal("TERM");
+    std::thread::sleep(Duration::from_millis(300));
+    stream.write_all(b"GET /health HTTP/1.1\r\nHost: localhost\r\n\r\n").expect("sent");
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).expect("answered, and the connection is closed");
+    assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
 }
 
 /// The first SIGTERM waits for what is under way, the second for nothing.
