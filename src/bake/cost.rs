@@ -41,10 +41,15 @@ impl Baker {
             * 4
             * (4 * self.plan.directions.directions() as u64
                 + self.plan.blocks as u64 * coefficients);
-        let ladder = self.adaptive.as_ref().map_or(0, Adaptive::memory_bytes);
         // A tree has a node for about every other point, its sums in double precision.
         let tree = self.subsurface.map_or(0, |_| points * (4 * coefficients * channels + 120));
-        self.plan.memory_bytes() + ladder + tree + in_flight * per_pose + result + scratch
+        self.table_bytes() + tree + in_flight * per_pose + result + scratch
+    }
+
+    /// Of the tables, which are there as long as the baker is, bytes.
+    #[must_use]
+    pub fn table_bytes(&self) -> u64 {
+        self.plan.memory_bytes() + self.adaptive.as_ref().map_or(0, Adaptive::memory_bytes)
     }
 
     /// Bakes as many points of a pose as fit in `budget_s` seconds or so, evenly spread, and says

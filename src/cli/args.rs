@@ -6,6 +6,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub(crate) use super::bake_args::BakeFlags;
 pub(crate) use super::fit_args::{FitCommandArgs, FitFlags, LimitFlags};
+use super::light_args::LIGHT_HELP;
 use crate::pipeline::recipe::{ParametrisationName, Recipe};
 
 /// The recipe's names for the values of flags.
@@ -170,7 +171,8 @@ pub(crate) struct BakeArgs {
     /// The data set to write, or to continue.
     #[arg(short, long, value_name = "DATASET")]
     pub(crate) output: PathBuf,
-    /// Take over what this earlier data set has of the same poses: more poses, or more rays.
+    /// Take over what this earlier data set has of the same poses: for more poses, more rays, or a lower
+    /// --noise.
     #[arg(long, value_name = "DATASET")]
     pub(crate) from: Option<PathBuf>,
     /// Print rays, bytes, memory and time, and bake nothing.
@@ -214,9 +216,8 @@ pub(crate) struct EvaluateArgs {
     /// Poses per second of clip.
     #[arg(long, value_name = "HZ", default_value_t = 30.0, conflicts_with = "parameters")]
     pub(crate) fps: f32,
-    /// Fold a light: an array of f32 coefficients, [n²] or [n², 3], in the root frame.
-    #[arg(long, value_name = "LIGHT.npy")]
-    pub(crate) light: Option<PathBuf>,
+    #[arg(long, value_name = "LIGHT", help = format!("Shade by a light, in the root frame. {LIGHT_HELP}"))]
+    pub(crate) light: Option<String>,
     /// Bent normals instead, [pose, vertex, 3]: the mean direction of light that comes in unblocked,
     /// weighted by the cosine; of transfer of order 2 and more.
     #[arg(long, conflicts_with = "light")]

@@ -5,7 +5,7 @@ use clap::{Args, ValueEnum};
 use super::args::{names, set};
 use super::subsurface::SubsurfaceFlags;
 use super::surroundings::SurroundingsFlags;
-use crate::pipeline::recipe::{NoiseGoalName, Recipe, SignalName};
+use crate::pipeline::recipe::{MOST_RAYS_TO_NOISE, NoiseGoalName, Recipe, SignalName};
 
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Bake")]
@@ -77,7 +77,7 @@ impl BakeFlags {
         set(&mut bake.signal, self.signal);
         set(&mut bake.order, self.order);
         // A recipe that states a noise has its own most.
-        let most = self.noise.filter(|_| bake.noise.is_none()).map(|_| 16_384_u32);
+        let most = self.noise.filter(|_| bake.noise.is_none()).map(|_| MOST_RAYS_TO_NOISE);
         set(&mut bake.rays, self.rays.or(most));
         bake.noise = self.noise.or(bake.noise);
         bake.noise_goal = self.noise_goal.map(Into::into).or(bake.noise_goal);

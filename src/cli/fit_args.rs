@@ -122,8 +122,8 @@ enum PrecisionArg {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Choice")]
 pub(crate) struct LimitFlags {
-    /// Choose the simplest model of no more bytes than this.
-    #[arg(long, value_name = "BYTES")]
+    /// Choose the simplest model of no more bytes than this, such as 300000, 300kB or 1.5MiB.
+    #[arg(long, value_name = "BYTES", value_parser = super::units::parse_bytes)]
     max_bytes: Option<u64>,
     /// Choose one that evaluates within this, microseconds on one core.
     #[arg(long, value_name = "US")]

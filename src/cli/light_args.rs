@@ -7,7 +7,8 @@ use clap::{Args, ValueEnum};
 /// What a light may be, for every command that takes one.
 pub(super) const LIGHT_HELP: &str = "A map (.hdr, .exr), or `constant`, `directional:X,Y,Z`, \
     `cone:X,Y,Z,DEGREES` (half angle) or `sphere:X,Y,Z,RADIUS`, each with `:R,G,B` after it or \
-    white. Directions point to the light, +Y is up. The middle of a map is +X, +Z to its right.";
+    white; or coefficients [n²] or [n², 3] (.npy). Directions point to the light, +Y is up. The middle \
+    of a map is +X, +Z to its right.";
 
 #[derive(Debug, Args)]
 pub(crate) struct LightArgs {

@@ -6,7 +6,8 @@ use anyhow::{Context, bail, ensure};
 use glam::DQuat;
 use serde_json::{Value, json};
 
-use crate::pipeline::files;
+use super::files;
+use crate::pipeline;
 use crate::scene;
 use crate::sh::Order;
 use crate::shade::{EnvironmentMap, ShLight};
@@ -24,7 +25,7 @@ pub(super) struct LightSource {
 }
 
 /// Reads `constant`, `directional:X,Y,Z`, `cone:X,Y,Z,DEGREES` or `sphere:X,Y,Z,RADIUS`, each with
-/// `:R,G,B` after it or white, or the map of that name; `turn` degrees about +Y are added.
+/// `:R,G,B` after it or white, or the map or the array of that name; `turn` degrees about +Y are added.
 pub(super) fn read_light(source: &str, order: Order, turn: f64) -> anyhow::Result<LightSource> {
     ensure!(turn.is_finite(), "--turn is {turn}; it must be a number of degrees");
     let mut read = match closed_form(source, order) {
@@ -33,12 +34,49 @@ pub(super) fn read_light(source: &str, order: Order, turn: f64) -> anyhow::Resul
             map: Value::Null,
             notices: Vec::new(),
         },
+        None if is_array(source) => LightSource {
+            light: from_array(Path::new(source), order)?,
+            map: Value::Null,
+            notices: Vec::new(),
+        },
+        None if !Path::new(source).exists() => bail!("light `{source}` is {NEITHER}"),
         None => from_map(Path::new(source), order)?,
     };
     if turn != 0.0 {
         read.light = read.light.rotated(DQuat::from_rotation_y(turn.to_radians()));
     }
     Ok(read)
+}
+
+/// What a word is that names no light.
+const NEITHER: &str = "no file, and none of constant, directional:X,Y,Z, cone:X,Y,Z,DEGREES and \
+     sphere:X,Y,Z,RADIUS";
+
+/// Whether a light is given by its coefficients.
+pub(super) fn is_array(source: &str) -> bool {
+    Path::new(source).extension().is_some_and(|suffix| suffix.eq_ignore_ascii_case("npy"))
+}
+
+/// The coefficients of one colour or three, `n` of each.
+pub(super) fn read_array(path: &Path, n: usize) -> anyhow::Result<Vec<Vec<f32>>> {
+    let (shape, values) = files::read_npy(path)?;
+    let colours = match shape.as_slice() {
+        [found] if *found == n => 1,
+        [found, 3] if *found == n => 3,
+        _ => {
+            bail!("{} has shape {shape:?}; what it lights takes [{n}] or [{n}, 3]", path.display())
+        }
+    };
+    let colour = |c: usize| values.iter().skip(c).step_by(colours).copied().collect();
+    Ok((0..colours).map(colour).collect())
+}
+
+fn from_array(path: &Path, order: Order) -> anyhow::Result<ShLight> {
+    let read = read_array(path, order.coefficients())?;
+    let finite = read.iter().flatten().all(|value| value.is_finite());
+    ensure!(finite, "{} has coefficients that are no numbers", path.display());
+    let colour = |c: usize| read[c % read.len()].iter().map(|&value| f64::from(value)).collect();
+    Ok(ShLight::from_coefficients(order, [0, 1, 2].map(colour)))
 }
 
 /// `None` where the word before the first colon is none of ours: a file's name.
@@ -80,7 +118,7 @@ fn numbers(text: Option<&str>, wanted: usize) -> anyhow::Result<Vec<f64>> {
 }
 
 fn from_map(path: &Path, order: Order) -> anyhow::Result<LightSource> {
-    let bytes = files::read(path, MOST_BYTES)?;
+    let bytes = pipeline::files::read(path, MOST_BYTES)?;
     let picture = scene::environment(&bytes, &path.display().to_string())?;
     let (width, height) = (picture.width, picture.height);
     let map = EnvironmentMap { width, height, texels: &picture.texels };
@@ -139,11 +177,27 @@ mod tests {
             ("constant:1,2,3:4", "too many parts"),
             ("sphere:0,1,0,2", "radius 2 at distance 1"),
             ("directional", "wants 3 numbers"),
-            ("no-such-map.hdr", "no-such-map.hdr"),
+            ("no-such-map.hdr", "`no-such-map.hdr` is no file, and none of constant"),
+            ("sun:0,1,0", "`sun:0,1,0` is no file"),
+            ("no-such.npy", "no-such.npy"),
         ] {
             let error = light(source).err().map(|error| format!("{error:#}")).unwrap_or_default();
             assert!(error.contains(word), "{source}: {error}");
         }
+    }
+
+    /// Coefficients that `light -o` wrote are the light again; of another order they are refused.
+    #[test]
+    fn arrays_are_lights() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let path = folder.path().join("a.npy");
+        let values: Vec<f32> = (0..48).map(|i| i as f32).collect();
+        files::write_npy(&path, &[16, 3], &values).expect("written");
+        let source = path.display().to_string();
+        let read = light(&source).expect("read").light;
+        assert_eq!(read.coefficient(5), [15.0, 16.0, 17.0]);
+        let other = read_light(&source, Order::new(3).expect("order"), 0.0).err();
+        assert!(other.expect("refused").to_string().contains("takes [9] or [9, 3]"));
     }
 
     /// A quarter turn takes what came from +X to −Z.

@@ -30,7 +30,7 @@ use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
-use clap::Parser;
+use clap::{CommandFactory, FromArgMatches};
 
 use crate::pipeline::{self, RecipeError, Watch};
 use args::{Cli, Command};
@@ -70,7 +70,8 @@ pub fn main() -> ExitCode {
             return ExitCode::from(2);
         }
     };
-    let cli = Cli::parse_from(words);
+    let cli = command().get_matches_from(words);
+    let cli = Cli::from_arg_matches(&cli).unwrap_or_else(|error| error.exit());
     let json = cli.json;
     match start(cli) {
         Ok(answer) => {
@@ -86,6 +87,21 @@ pub fn main() -> ExitCode {
             ExitCode::from(status(&error))
         }
     }
+}
+
+/// The command line as clap knows it. A number below zero is a value wherever one is expected: its range
+/// is for the recipe to check, whose sentence names it.
+fn command() -> clap::Command {
+    let signed = |arg: clap::Arg| {
+        let takes = arg.get_action().takes_values() && !arg.is_positional();
+        if takes { arg.allow_negative_numbers(true) } else { arg }
+    };
+    let mut command = Cli::command();
+    let names: Vec<String> = command.get_subcommands().map(|c| c.get_name().to_owned()).collect();
+    for name in names {
+        command = command.mut_subcommand(name, |sub| sub.mut_args(signed));
+    }
+    command
 }
 
 /// An error and its causes in one line. Many errors tell their cause in their own sentence; it is
@@ -200,6 +216,21 @@ mod tests {
         let told = sentence(&error.context("scene"));
         assert_eq!(told.matches("No such file").count(), 1, "{told}");
         assert!(told.starts_with("scene: "), "{told}");
+    }
+
+    /// Numbers below zero reach the check of what they are for, whose sentence names the range.
+    #[test]
+    fn negative_numbers_are_values() {
+        command().debug_assert();
+        let words = ["poselight", "bake", "a.glb", "-o", "b", "--fps", "-3"];
+        let matches = command().try_get_matches_from(words).expect("parsed");
+        let Command::Bake(args) = Cli::from_arg_matches(&matches).expect("read").command else {
+            panic!("another command");
+        };
+        let mut recipe = pipeline::recipe::Recipe::default();
+        args.poses.edit(&mut recipe);
+        let error = pipeline::Checked::new(&recipe).expect_err("must be refused").to_string();
+        assert!(error.contains("is -3; it must be 0.1 to 1000"), "{error}");
     }
 
     /// Only what the user wrote is a matter of usage: damaged JSON of ours is a failure.

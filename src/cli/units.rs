@@ -12,6 +12,28 @@ pub(super) fn bytes(count: u64) -> String {
     if unit == 0 { format!("{count} B") } else { format!("{value:.1} {}", UNITS[unit]) }
 }
 
+/// Bytes as people write them: a number, whole or not, and a unit, of a thousand or (`KiB`) of 1024.
+pub(super) fn parse_bytes(text: &str) -> Result<u64, String> {
+    const UNITS: [(&str, f64); 8] = [
+        ("", 1.0),
+        ("b", 1.0),
+        ("kb", 1e3),
+        ("mb", 1e6),
+        ("gb", 1e9),
+        ("kib", 1024.0),
+        ("mib", 1_048_576.0),
+        ("gib", 1_073_741_824.0),
+    ];
+    let text = text.trim();
+    let end = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());
+    let unit = text[end..].trim().to_ascii_lowercase();
+    let unit = UNITS.iter().find(|(name, _)| *name == unit);
+    match (text[..end].parse::<f64>(), unit) {
+        (Ok(number), Some((_, bytes))) if number * bytes >= 1.0 => Ok((number * bytes) as u64),
+        _ => Err("it must be a number of bytes, such as 300000, 300kB or 1.5MiB".to_owned()),
+    }
+}
+
 /// Seconds as minutes and hours where they are long.
 pub(super) fn seconds(value: f64) -> String {
     match value {
@@ -50,6 +72,12 @@ mod tests {
         assert_eq!(bytes(1023), "1023 B");
         assert_eq!(bytes(1024), "1.0 KiB");
         assert_eq!(bytes(3 << 30), "3.0 GiB");
+        assert_eq!(parse_bytes("300000"), Ok(300_000));
+        assert_eq!(parse_bytes("300kB"), Ok(300_000));
+        assert_eq!(parse_bytes(" 1.5 MiB"), Ok(3 << 19));
+        for wrong in ["", "0", "kB", "-5", "3 apples", "1e5", "1.2.3MB"] {
+            assert!(parse_bytes(wrong).expect_err(wrong).contains("300kB"));
+        }
         assert_eq!(seconds(0.0123), "12.3 ms");
         assert_eq!(seconds(61.0), "61.0 s");
         assert_eq!(seconds(600.0), "10.0 min");

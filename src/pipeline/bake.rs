@@ -8,10 +8,10 @@ use rayon::prelude::*;
 
 use super::earlier::{self, Earlier};
 use super::progress::{Progress, Stage, Watch};
-use super::{Error, Job, describe, difference};
+use super::rounds::Weights;
+use super::{Error, Job, describe, difference, rounds};
 use crate::bake::{self, BakedPose, Baker, PosedMesh};
 use crate::dataset::{self, Layout, PoseData, Writer};
-use crate::num::random::hash;
 use crate::rig::Deformed;
 
 /// What a bake did.
@@ -136,17 +136,14 @@ fn bake_blocks(
 /// The rounds of a bake, and what an earlier one has of them.
 struct Rounds {
     bakers: Vec<Baker>,
+    /// Of each but the first.
+    weights: Vec<Weights>,
     earlier: Option<Earlier>,
 }
 
 impl Rounds {
     fn new(job: &Job, earlier: Option<Earlier>) -> Result<Self, Error> {
-        let mut bakers = vec![job.baker(&job.checked.bake, job.checked.noise)?];
-        for (round, &rays) in (1..).zip(&job.recipe.bake.more_rays) {
-            let seed = hash(&[job.checked.bake.seed, ROUND_KEY, round]);
-            bakers.push(job.baker(&bake::Settings { rays, seed, ..job.checked.bake }, None)?);
-        }
-        Ok(Self { bakers, earlier })
+        Ok(Self { bakers: rounds::bakers(job)?, weights: rounds::weights(job), earlier })
     }
 
     /// Bakes what is lacking of some poses; tells of poses and rays as they are done.
@@ -175,7 +172,7 @@ impl Rounds {
             let new = bake_poses(job, baker, &numbers, watch, told)?;
             for (at, new) in lacking.into_iter().zip(new) {
                 match &mut baked[at] {
-                    Some(pose) => earlier::merge(pose, &new),
+                    Some(pose) => earlier::merge(pose, &new, self.weights[round - 1]),
                     empty => *empty = Some(new),
                 }
             }
@@ -183,9 +180,6 @@ impl Rounds {
         Ok(baked.into_iter().flatten().collect())
     }
 }
-
-/// Tells the seeds of rounds apart.
-const ROUND_KEY: u64 = 0x0072_6f75_6e64;
 
 /// Poses and bakes some of a job's poses, as many at a time as the baker works on together; `tell`
 /// hears of each time's poses and rays.

@@ -5,7 +5,7 @@ mod target;
 
 use std::fmt::Display;
 
-use bake_fields::{checked_bake, checked_noise, checked_receivers, checked_subsurface};
+use bake_fields::{checked_bake, checked_noises, checked_receivers, checked_subsurface};
 use target::{checked_choice, checked_reference};
 
 use super::recipe::{
@@ -13,6 +13,7 @@ use super::recipe::{
     DEFAULT_POSE_CLUSTERS, DEFAULT_RETAINED, DEFAULT_SPHERES, FamilyName, FitRecipe, FrameName,
     OnName, ParametrisationName, PosesRecipe, PrecisionName, Recipe, RidgeName, VERSION,
 };
+use super::rounds::Noises;
 use crate::rig::ParametrisationKind;
 use crate::{bake, fit, model, pose};
 
@@ -35,8 +36,8 @@ pub struct Checked {
     pub poses: pose::Settings,
     /// For [`bake::Baker`].
     pub bake: bake::Settings,
-    /// The standard error that sets the number of rays.
-    pub noise: Option<bake::Noise>,
+    /// The standard errors that set the numbers of rays.
+    pub(super) noises: Noises,
     /// What light does below the surface.
     pub subsurface: Option<bake::Subsurface>,
     /// For [`fit::fit`].
@@ -75,7 +76,7 @@ impl Checked {
         Ok(Self {
             poses: checked_poses(&recipe.poses)?,
             bake: checked_bake(&recipe.bake)?,
-            noise: checked_noise(&recipe.bake)?,
+            noises: checked_noises(&recipe.bake)?,
             subsurface: checked_subsurface(&recipe.bake)?,
             fit: checked_fit(&recipe.fit, recipe.target.on)?,
             precision: precision(recipe.output.precision),
@@ -359,6 +360,18 @@ mod tests {
         assert_eq!(fault(|r| r.target.max_error = Some(0.0)), "target.max_error");
         assert_eq!(fault(|r| r.target.max_bytes = Some(0)), "target.max_bytes");
         assert_eq!(fault(|r| r.target.max_us = Some(f64::NAN)), "target.max_us");
+    }
+
+    /// Noises of further rounds are positive and each below the one before; a vertex fit takes none.
+    #[test]
+    fn noises_descend() {
+        for more in [vec![0.0], vec![f32::NAN], vec![-0.1], vec![0.01, 0.01], vec![0.01, 0.02]] {
+            assert_eq!(fault(|r| r.bake.more_noise.clone_from(&more)), "bake.more_noise");
+        }
+        let above = |r: &mut Recipe| (r.bake.noise, r.bake.more_noise) = (Some(0.01), vec![0.02]);
+        assert_eq!(fault(above), "bake.more_noise");
+        let fitted = |r: &mut Recipe| (r.bake.vertex_fit, r.bake.more_noise) = (Some(4), vec![0.1]);
+        assert_eq!(fault(fitted), "bake.vertex_fit");
     }
 
     /// The sentence names the field, what it says and what it may say.

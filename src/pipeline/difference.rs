@@ -4,6 +4,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
+use super::recipe::BakeRecipe;
 use super::{Error, Job};
 use crate::dataset::{self, Dataset};
 
@@ -32,6 +33,17 @@ pub(super) fn explain(error: dataset::Error, path: &Path, job: &Job) -> Error {
     Error::OtherBake { path: path.to_owned(), differences: found.join("; ") }
 }
 
+/// The fields in which the bake of another recipe differs, with both values; nothing where none does.
+pub(super) fn of_bakes(there: &BakeRecipe, here: &BakeRecipe) -> Option<String> {
+    if there == here {
+        return None;
+    }
+    let mut found = Vec::new();
+    let value = |bake| serde_json::to_value(bake).unwrap_or_default();
+    compare(&mut "bake".to_owned(), &value(there), &value(here), &mut found);
+    Some(found.join("; "))
+}
+
 /// Every value that differs, by its path.
 fn compare(path: &mut String, there: &Value, here: &Value, found: &mut Vec<String>) {
     if let (Value::Object(theirs), Value::Object(ours)) = (there, here) {
@@ -49,7 +61,13 @@ fn compare(path: &mut String, there: &Value, here: &Value, found: &mut Vec<Strin
 }
 
 fn said(value: &Value) -> String {
-    if value.is_null() { "absent".to_owned() } else { value.to_string() }
+    // Numbers of single precision as they were written.
+    let single = value.as_f64().map(|number| number as f32);
+    match single.filter(|&single| value.is_f64() && Some(f64::from(single)) == value.as_f64()) {
+        Some(single) => single.to_string(),
+        None if value.is_null() => "absent".to_owned(),
+        None => value.to_string(),
+    }
 }
 
 #[cfg(test)]
@@ -61,8 +79,8 @@ mod tests {
     /// Fields are named with both values, those that one side lacks too, equal ones not at all.
     #[test]
     fn differences_are_named_with_both_values() {
-        let there = json!({ "rays": 16, "noise": null, "order": 6, "clips": ["a"] });
-        let here = json!({ "rays": 17, "noise": null, "order": 6, "clips": ["a", "b"], "far": 2 });
+        let there = json!({ "rays": 16, "noise": 0.1_f32, "order": 6, "clips": ["a"] });
+        let here = json!({ "rays": 17, "noise": 0.05, "order": 6, "clips": ["a", "b"], "far": 2 });
         let mut found = Vec::new();
         compare(&mut "bake".to_owned(), &there, &here, &mut found);
         found.sort();
@@ -71,6 +89,7 @@ mod tests {
             [
                 "`bake.clips` is [\"a\"] there and [\"a\",\"b\"] here",
                 "`bake.far` is absent there and 2 here",
+                "`bake.noise` is 0.1 there and 0.05 here",
                 "`bake.rays` is 16 there and 17 here",
             ]
         );

@@ -8,8 +8,9 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use super::recipe::surroundings::GroundRecipe;
-use super::recipe::{BakeRecipe, Recipe};
-use super::{Error, Job, recipe_of};
+use super::recipe::{BakeRecipe, MOST_RAYS_TO_NOISE, Recipe};
+use super::rounds::Weights;
+use super::{Error, Job, difference, recipe_of};
 use crate::bake::BakedPose;
 use crate::dataset::Dataset;
 
@@ -43,7 +44,8 @@ impl Earlier {
         };
         let poses = dataset.clips().iter().zip(dataset.times_s()).enumerate();
         let poses = poses.map(|(pose, (&clip, time))| ((name(clip), time.to_bits()), pose));
-        let (poses, rounds) = (poses.collect(), 1 + recipe.bake.more_rays.len());
+        let rounds = 1 + recipe.bake.more_rays.len() + recipe.bake.more_noise.len();
+        let poses = poses.collect();
         if !dataset.is_complete() {
             return Err(refuse("it is not complete; continue it first".into()));
         }
@@ -83,30 +85,73 @@ impl Earlier {
     }
 }
 
+/// Turns a recipe that states a noise into one that goes on from an earlier data set: its first round
+/// and what it has had since, and a round to that noise where it is lower.
+///
+/// # Errors
+/// [`Error::Earlier`] where the data set is cleaner already; what reading it objects to.
+pub fn go_on(path: &Path, recipe: &mut Recipe) -> Result<(), Error> {
+    let Some(noise) = recipe.bake.noise.filter(|_| recipe.bake.more_noise.is_empty()) else {
+        return Ok(());
+    };
+    let earlier = recipe_of(&Dataset::open(path)?)?.bake;
+    let bake = &mut recipe.bake;
+    let reached = earlier.more_noise.last().copied().or(earlier.noise);
+    if let Some(reached) = reached.filter(|&reached| reached < noise) {
+        let what = format!("its noise is {reached} already, lower than {noise}");
+        return Err(Error::Earlier { path: path.to_path_buf(), what });
+    }
+    if earlier.noise.is_none() && bake.rays == MOST_RAYS_TO_NOISE {
+        bake.rays = earlier.rays;
+    }
+    (bake.noise, bake.more_noise) = (earlier.noise, earlier.more_noise);
+    bake.noise_goal = bake.noise_goal.or(earlier.noise_goal);
+    if bake.more_rays.is_empty() {
+        bake.more_rays = earlier.more_rays;
+    }
+    if reached != Some(noise) {
+        bake.more_noise.push(noise);
+    }
+    Ok(())
+}
+
 /// Why values of one recipe's bake are not those of the other's.
 fn difference(earlier: &Recipe, now: &Recipe) -> Option<String> {
-    let without = |bake: &BakeRecipe| BakeRecipe { more_rays: Vec::new(), ..bake.clone() };
-    if without(&earlier.bake) != without(&now.bake) {
-        return Some("its signal, rays, seed or surroundings are others".into());
+    // A goal is of no account to rays that were stated.
+    let stated = earlier.bake.noise.is_none() && earlier.bake.more_noise.is_empty();
+    let first = |bake: &BakeRecipe| BakeRecipe {
+        more_rays: Vec::new(),
+        more_noise: Vec::new(),
+        noise_goal: bake.noise_goal.filter(|_| !stated),
+        ..bake.clone()
+    };
+    if let Some(fields) = difference::of_bakes(&first(&earlier.bake), &first(&now.bake)) {
+        return Some(fields);
     }
-    if !now.bake.more_rays.starts_with(&earlier.bake.more_rays) {
-        let found = &earlier.bake.more_rays;
-        return Some(format!("it has had more rays already: {found:?}; state them first"));
+    let BakeRecipe { more_rays, more_noise, .. } = &earlier.bake;
+    if !now.bake.more_rays.starts_with(more_rays) {
+        return Some(format!("it has had more rays already: {more_rays:?}; state them first"));
+    }
+    if !more_noise.is_empty() && now.bake.more_rays != *more_rays {
+        return Some("it was taken to a lower noise; it can be taken to a still lower one".into());
+    }
+    if !now.bake.more_noise.starts_with(more_noise) {
+        return Some(format!("it was taken to the noises {more_noise:?}; state them first"));
     }
     let lowest = earlier.bake.surroundings.ground == Some(GroundRecipe::Lowest);
     (lowest && earlier.poses != now.poses)
         .then(|| "its ground is at the lowest point of other poses; state a height".into())
 }
 
-/// Takes a round into what there is: the mean over all rays.
+/// Takes a round into what there is.
 ///
-/// Weights are numbers of rays, which no estimate has a say in; so the mean has no bias.
-pub(super) fn merge(into: &mut BakedPose, round: &BakedPose) {
+/// Weights are functions of numbers of rays, which no estimate has a say in; so the mean has no bias.
+pub(super) fn merge(into: &mut BakedPose, round: &BakedPose, weights: Weights) {
     let points = into.rays.len();
     let row = into.coefficients.len() / points.max(1);
     for point in 0..points {
-        let (there, new) = (f64::from(into.rays[point]), f64::from(round.rays[point]));
-        let (keep, take) = (there / (there + new), new / (there + new));
+        let take = weights.of_new(into.rays[point], round.rays[point]);
+        let keep = 1.0 - take;
         let range = point * row..(point + 1) * row;
         let values = into.coefficients[range.clone()].iter_mut().zip(&round.coefficients[range]);
         for (value, new) in values {

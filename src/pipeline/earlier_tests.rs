@@ -89,6 +89,53 @@ fn a_continued_bake_is_the_bake() {
     assert!(refused(&recipe(1.0, &[]), "missing").contains("missing"));
 }
 
+/// A bake to a noise that is taken to a lower one, to a still lower one after a stop, or to more poses at the
+/// same one, has the bytes of one that was baked so from nothing; so has one whose rays were stated. What
+/// cannot be taken is refused with the reason.
+#[test]
+fn a_noise_is_lowered_not_started_over() {
+    let studio = Studio::new();
+    let noise = |rate_hz: f32, first: Option<f32>, more: &[f32]| {
+        let mut recipe = recipe(rate_hz, &[]);
+        (recipe.bake.rays, recipe.bake.noise) = (first.map_or(8, |_| 32), first);
+        recipe.bake.more_noise = more.to_vec();
+        recipe
+    };
+    let goes_on = |mut recipe: Recipe, target: f32, from: &str| {
+        (recipe.bake.noise, recipe.bake.more_noise) = (Some(target), Vec::new());
+        go_on(&studio.path(from), &mut recipe).map(|()| recipe)
+    };
+    let first = studio.bake("first", None, &noise(1.0, Some(0.1), &[])).unwrap();
+    let lower = goes_on(noise(1.0, Some(0.1), &[]), 0.06, "first").unwrap();
+    assert_eq!((lower.bake.noise, &lower.bake.more_noise[..]), (Some(0.1), &[0.06][..]));
+    let whole = studio.bake("whole", None, &lower).unwrap();
+    let baked = studio.bake("lower", Some("first"), &lower).unwrap();
+    assert_eq!((baked.rays, baked.poses), (whole.rays - first.rays, first.poses));
+    assert_eq!(studio.bits("lower"), studio.bits("whole"));
+
+    let dense = goes_on(noise(2.0, Some(0.1), &[]), 0.06, "lower").unwrap();
+    let all = studio.bake("dense", None, &dense).unwrap();
+    assert_eq!(studio.bake("denser", Some("lower"), &dense).unwrap().rays, all.rays - whole.rays);
+    assert_eq!(studio.bits("denser"), studio.bits("dense"));
+
+    studio.bake("stated", None, &noise(1.0, None, &[])).unwrap();
+    let mut asked = noise(1.0, None, &[]);
+    asked.bake.rays = MOST_RAYS_TO_NOISE;
+    let after = goes_on(asked, 0.1, "stated").unwrap();
+    assert_eq!((after.bake.rays, &after.bake.more_noise[..]), (8, &[0.1][..]));
+
+    let told = goes_on(lower.clone(), 0.08, "lower").expect_err("cleaner already").to_string();
+    assert!(told.contains("0.06 already, lower than 0.08"), "{told}");
+    let refused = |recipe: &Recipe| {
+        studio.bake("never", Some("lower"), recipe).expect_err("must be refused").to_string()
+    };
+    assert!(refused(&noise(1.0, Some(0.1), &[0.05])).contains("[0.06]"));
+    let mut rays = lower;
+    rays.bake.more_rays = vec![8];
+    assert!(refused(&rays).contains("still lower"));
+    assert!(refused(&noise(1.0, Some(0.2), &[0.06])).contains("`bake.noise` is 0.1"));
+}
+
 /// The mean over rounds weighs rays, and its noise is that of independent parts.
 #[test]
 fn rounds_are_weighed_by_rays() {
@@ -98,7 +145,7 @@ fn rounds_are_weighed_by_rays() {
         rays: vec![rays],
     };
     let mut there = round(1.0, 0.3, 100);
-    merge(&mut there, &round(5.0, 0.4, 300));
+    merge(&mut there, &round(5.0, 0.4, 300), Weights::Rays);
     assert_eq!((there.coefficients[0], there.rays[0]), (4.0, 400));
     assert!((there.noise[0] - f32::hypot(0.075, 0.3)).abs() < 1e-6);
 }

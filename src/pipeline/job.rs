@@ -126,7 +126,7 @@ impl Job {
         let scene_hash = hash::scene(&scene.sources);
         recipe.scene.file = scene.sources.first().map(|s| s.name.clone()).unwrap_or_default();
         recipe.scene.sha256 = Some(scene_hash.clone());
-        if recipe.bake.noise.is_some() {
+        if checked.noises.last().is_some() {
             recipe.bake.noise_goal.get_or_insert(NoiseGoalName::Each);
         }
         let hashes = Hashes::of(&scene_hash, &recipe);

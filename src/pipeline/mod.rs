@@ -37,8 +37,10 @@ pub mod recipe;
 mod reference;
 mod report;
 mod report_stills;
+mod rounds;
 mod run;
 mod search;
+mod spent;
 mod still;
 mod still_glossy;
 mod subdivide;
@@ -60,6 +62,7 @@ pub use check::{Baseline, BaselineError, Line, junit, page};
 pub use checked::{Checked, RecipeError, ReferenceSettings};
 pub use choice::{Confirmed, choose, has_target};
 pub use data::{open_dataset, other_references};
+pub use earlier::go_on;
 pub use effect::{effective, effective_fit, forget_other_sizes};
 pub use error::Error;
 pub use evaluate::{EvaluateError, Light, Query};
@@ -79,6 +82,7 @@ pub use receivers::Receivers;
 pub use reference::{ReferenceBaked, bake_reference, job_of, rays_per_point};
 pub use run::{DATASET, FIGURES, MODEL, Outcome, RECIPE, REPORT, examine, meets_target, run};
 pub use search::{Searched, VALIDATION, exhaustive, search};
+pub use spent::{Spent, spent};
 pub use still::{
     MOST_STILL_FRAMES, STILL_SIZES, Still, StillError, StillPicture, spread_times, still,
 };

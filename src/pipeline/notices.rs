@@ -23,7 +23,13 @@ pub fn notices(job: &Job) -> Vec<String> {
             job.poses.passed_over
         ));
     }
-    if job.poses.samples.len() == 1 {
+    if job.scene.clips.is_empty() && job.poses.samples.len() == 1 {
+        notices.push(
+            "the scene does not move, for its file has no clip: its default pose alone is baked, and \
+             a model is its mean"
+                .into(),
+        );
+    } else if job.poses.samples.len() == 1 {
         notices.push("the scene does not move: one pose is baked, and a model is its mean".into());
     } else if job.poses.parametrisation.columns.is_empty() {
         notices.push("no joint moves in the training poses: a model is their mean".into());

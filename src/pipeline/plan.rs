@@ -3,8 +3,8 @@
 use serde_json::{Value, json};
 
 use super::reference::{rays_per_point, reference_rays};
-use super::{Error, Job, describe, notices, reference_notice, subset};
-use crate::bake::{self, Baker};
+use super::{Error, Job, describe, notices, reference_notice, rounds, subset};
+use crate::bake::Baker;
 use crate::dataset::Layout;
 
 /// The cost of a bake.
@@ -85,20 +85,23 @@ const CALIBRATION_S: f64 = 0.5;
 /// What the stages object to.
 pub fn plan(job: &Job) -> Result<Plan, Error> {
     let layout = describe::header(job)?.layout;
-    let baker = job.baker(&job.checked.bake, job.checked.noise)?;
+    let bakers = rounds::bakers(job)?;
     let first = job.traced(0);
     let posed = super::bake::posed(job, 0, &first);
-    let calibration = baker.calibrate(&posed, CALIBRATION_S)?;
+    let calibration = bakers[0].calibrate(&posed, CALIBRATION_S)?;
     let points = layout.poses as f64 * layout.points as f64;
-    let more = job.recipe.bake.more_rays.iter().map(|&rays| f64::from(rays)).sum::<f64>();
-    let rays = (points * (calibration.rays_per_point + more)).round() as u64;
+    let mut per_point = calibration.rays_per_point;
+    for round in &bakers[1..] {
+        per_point += round.calibrate(&posed, 0.0)?.rays_per_point;
+    }
+    let rays = (points * per_point).round() as u64;
     let scene_bytes = scene_bytes(job);
     let threads = rayon::current_num_threads();
     let prepare_s = calibration.prepare_s * layout.poses as f64 / threads as f64;
     let reference_bakes = 2 * reference_poses(job) as u64;
     let times = f64::from(reference_rays(&job.recipe.bake, job.checked.reference.factor))
-        / f64::from(bake::rays_cast(job.recipe.bake.rays));
-    let per_point = times * calibration.rays_per_point;
+        / f64::from(rays_per_point(&job.recipe.bake));
+    let per_point = times * per_point;
     let reference_rays =
         ((reference_bakes * layout.points as u64) as f64 * per_point).round() as u64;
     Ok(Plan {
@@ -110,7 +113,7 @@ pub fn plan(job: &Job) -> Result<Plan, Error> {
         points: layout.points,
         rays,
         disk_bytes: layout.disk_bytes() + scene_bytes,
-        memory_bytes: peak(job, &baker, &layout),
+        memory_bytes: peak(job, &bakers, &layout),
         rays_per_s: calibration.rays_per_s,
         bake_s: prepare_s + rays as f64 / calibration.rays_per_s,
     })
@@ -121,8 +124,7 @@ pub fn plan(job: &Job) -> Result<Plan, Error> {
 /// # Errors
 /// What the stages object to.
 pub fn memory_bytes(job: &Job) -> Result<u64, Error> {
-    let baker = job.baker(&job.checked.bake, job.checked.noise)?;
-    Ok(peak(job, &baker, &describe::header(job)?.layout))
+    Ok(peak(job, &rounds::bakers(job)?, &describe::header(job)?.layout))
 }
 
 /// What a job writes: the data set and, where it is measured, its references.
@@ -141,11 +143,14 @@ fn reference_bytes(job: &Job, layout: &Layout) -> u64 {
     bakes * layout.points as u64 * (layout.row() as u64 + 1) * 4 + normals_bytes
 }
 
-fn peak(job: &Job, baker: &Baker, layout: &Layout) -> u64 {
+fn peak(job: &Job, bakers: &[Baker], layout: &Layout) -> u64 {
     let pose_bytes = layout.points as u64 * (layout.row() as u64 + 2) * 4;
     let block_bytes = pose_bytes * layout.block_poses as u64;
     let posed_bytes = job.scene.mesh.positions.len() as u64 * 24 * layout.block_poses as u64;
-    baker.memory_bytes(layout.block_poses, rayon::current_num_threads())
+    let of = |baker: &Baker| baker.memory_bytes(layout.block_poses, rayon::current_num_threads());
+    let tables: u64 = bakers.iter().map(Baker::table_bytes).sum();
+    tables
+        + bakers.iter().map(|baker| of(baker) - baker.table_bytes()).max().unwrap_or_default()
         + block_bytes * BLOCKS_IN_FLIGHT
         + posed_bytes
         + sampled_bytes(job)

@@ -111,6 +111,7 @@ fn check(recipe: &Recipe) -> Result<(), Error> {
     let stated = [
         ("bake.noise", bake.noise.is_some()),
         ("bake.more_rays", !bake.more_rays.is_empty()),
+        ("bake.more_noise", !bake.more_noise.is_empty()),
         ("bake.vertex_fit", bake.vertex_fit.is_some()),
     ];
     match stated.into_iter().find(|(_, stated)| *stated) {

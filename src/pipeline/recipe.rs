@@ -162,7 +162,7 @@ pub struct BakeRecipe {
     /// As many rays at each point and pose as it takes for this standard error of a coefficient.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise: Option<f32>,
-    /// What `noise` is meant for; `each` when absent, and filled in when the recipe is resolved.
+    /// What `noise` and `more_noise` are meant for; `each` when absent, and filled in when the recipe is resolved.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_goal: Option<NoiseGoalName>,
     /// Metres beyond which nothing occludes; unbounded when absent.
@@ -177,6 +177,10 @@ pub struct BakeRecipe {
     /// directions of their own; values are the mean over all rays.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub more_rays: Vec<u32>,
+    /// Further rounds, after those of `more_rays`: each adds as many rays of its own at each point as it
+    /// takes for the mean over all rounds to have this standard error, lower than the one before it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub more_noise: Vec<f32>,
     /// Shading normals of each pose are computed from its triangles; for morph targets and sequences
     /// that move positions only.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
@@ -195,6 +199,9 @@ pub struct BakeRecipe {
     #[serde(skip_serializing_if = "SurroundingsRecipe::is_empty")]
     pub surroundings: SurroundingsRecipe,
 }
+
+/// The most rays of a point where a noise is asked for and no rays are stated.
+pub const MOST_RAYS_TO_NOISE: u32 = 16_384;
 
 /// Reflectance of parts without a material where none is given.
 pub const DEFAULT_ALBEDO: f32 = 0.5;
@@ -216,6 +223,7 @@ impl Default for BakeRecipe {
             seed: 1,
             bounces: 0,
             more_rays: Vec::new(),
+            more_noise: Vec::new(),
             recompute_normals: false,
             vertex_fit: None,
             albedo: None,

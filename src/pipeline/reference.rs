@@ -6,7 +6,9 @@ use std::time::Instant;
 use super::bake::{bake_poses, rays_of};
 use super::progress::{Progress, Stage, Watch};
 use super::recipe::{BakeRecipe, Recipe};
-use super::{Around, Error, Job, ReferenceSettings, hash, job, recipe_of, subset, surroundings};
+use super::{
+    Around, Error, Job, ReferenceSettings, hash, job, recipe_of, rounds, subset, surroundings,
+};
 use crate::bake::{self, Baker, Noise};
 use crate::dataset::{Dataset, Reference, ReferenceHeader, ReferencePose};
 use crate::num::random;
@@ -114,8 +116,9 @@ fn header(dataset: &Dataset, settings: ReferenceSettings) -> Result<ReferenceHea
 /// all rounds. With a target noise the most, with a fit of vertices those of each sample.
 #[must_use]
 pub fn rays_per_point(bake: &BakeRecipe) -> u32 {
-    let rounds = std::iter::once(&bake.rays).chain(&bake.more_rays);
-    rounds.fold(0, |sum, &rays| sum.saturating_add(bake::rays_cast(rays)))
+    let to_noise = bake.more_noise.iter().map(|_| rounds::most_rays(bake));
+    let rounds = std::iter::once(bake.rays).chain(bake.more_rays.iter().copied()).chain(to_noise);
+    rounds.fold(0, |sum, rays| sum.saturating_add(bake::rays_cast(rays)))
 }
 
 /// Rays of each reference: so many times the bake's, but no more than a point can get.
@@ -127,7 +130,7 @@ pub(super) fn reference_rays(bake: &BakeRecipe, factor: u32) -> u32 {
 fn baker(job: &Job, rays: u32, factor: u32, seed: u64) -> Result<Baker, Error> {
     let settings = bake::Settings { rays, seed, ..job.checked.bake };
     let to = |noise: Noise| Noise { target: noise.target / bake::gain(factor), ..noise };
-    let noise = job.checked.noise.map(to);
+    let noise = job.checked.noises.last().map(to);
     job.baker(&settings, noise)
 }
 

@@ -16,8 +16,11 @@ use crate::sh::bent_normal;
 const AMBIENT: f32 = 3.544_907_7;
 
 pub(in crate::cli) fn apply(args: &ApplyArgs) -> anyhow::Result<Answer> {
+    for output in std::iter::once(&args.output).chain(&args.receivers_output) {
+        super::named(output, "glb")?;
+    }
     super::keep_input(&args.scene, &args.output)?;
-    let model = Model::from_bytes(&files::read(&args.model, super::MOST_MODEL_BYTES)?)?;
+    let model = super::read_model(&args.model)?.0;
     let scene = pipeline::import(&args.scene)?;
     let receivers = args.receivers.as_deref().map(pipeline::import).transpose()?;
     let vertices = scene.mesh.positions.len();

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use crate::cli::args::BakeArgs;
 use crate::cli::{Answer, units};
 use crate::pipeline::recipe::Recipe;
-use crate::pipeline::{self, Baked, Job, Plan, Planned, Watch};
+use crate::pipeline::{self, Baked, Dataset, Job, Plan, Planned, Spent, Watch};
 
 pub(in crate::cli) fn bake(args: &BakeArgs, watch: &Watch) -> anyhow::Result<Answer> {
     let mut recipe = super::start(&args.recipe)?;
@@ -15,6 +15,9 @@ pub(in crate::cli) fn bake(args: &BakeArgs, watch: &Watch) -> anyhow::Result<Ans
     args.bake.edit(&mut recipe)?;
     let chosen =
         choose_rays(args.bake.choose_rays, (&args.scene, &args.output), &mut recipe, watch)?;
+    if let Some(from) = &args.from {
+        pipeline::go_on(from, &mut recipe)?;
+    }
     let mut job = Job::open(&args.scene, recipe)?;
     job.scene.notices.extend(chosen);
     if args.dry_run {
@@ -25,8 +28,16 @@ pub(in crate::cli) fn bake(args: &BakeArgs, watch: &Watch) -> anyhow::Result<Ans
     let from = args.from.as_deref();
     tell_buried(&mut job)?;
     let baked = pipeline::bake_from(&job, &args.output, from, watch)?;
-    let text = format!("{}\n{}", args.output.display(), summary(&job, &baked));
-    let json = json!({ "dataset": args.output, "bake": figures(&job, &baked), "notices": pipeline::notices(&job) });
+    let spent = pipeline::spent(&Dataset::open(&args.output)?)?;
+    let mut text = args.output.display().to_string();
+    if let Some(spent) = &spent {
+        text += &format!("\n  {}", left(spent));
+    }
+    text += &format!("\n{}", summary(&job, &baked));
+    let mut figures = figures(&job, &baked);
+    figures["noise_rms"] = json!(spent.map(|spent| spent.noise));
+    let json =
+        json!({ "dataset": args.output, "bake": figures, "notices": pipeline::notices(&job) });
     Ok(Answer::new(text, json))
 }
 
@@ -60,6 +71,12 @@ pub(super) fn tell_buried(job: &mut Job) -> anyhow::Result<()> {
     let buried = pipeline::buried(job)?;
     job.scene.notices.extend(buried);
     Ok(())
+}
+
+/// The rays and the noise of a data set, for people.
+pub(super) fn left(spent: &Spent) -> String {
+    let Spent { rays_per_point, noise, .. } = spent;
+    format!("noise {noise:.5} of a coefficient (RMS) with {rays_per_point:.1} rays a point")
 }
 
 /// What a bake did, for people.

@@ -6,13 +6,14 @@ use anyhow::{bail, ensure};
 use serde_json::json;
 
 use crate::cli::args::EvaluateArgs;
-use crate::cli::{Answer, files as arrays};
-use crate::model::Model;
+use crate::cli::{Answer, files as arrays, light_source};
+use crate::model::{Model, Signal};
 use crate::pipeline::{self, Light, Query};
 use crate::rig::Pose;
-use crate::sh::bent_normal;
+use crate::sh::{Order, bent_normal};
 
 pub(in crate::cli) fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Answer> {
+    super::named(&args.output, "npy")?;
     let model = super::read_model(&args.model)?.0;
     let queries = match (&args.parameters, &args.scene, &args.clip) {
         (Some(path), _, _) => from_parameters(&model, path)?,
@@ -20,7 +21,7 @@ pub(in crate::cli) fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Answer> {
         (None, Some(scene), None) => vec![at_rest(&model, scene)?],
         (None, None, _) => bail!("give --parameters or --scene"),
     };
-    let light = args.light.as_deref().map(|path| read_light(&model, path)).transpose()?;
+    let light = args.light.as_deref().map(|source| read_light(&model, source)).transpose()?;
     let mut values = Vec::new();
     let (mut furthest, mut outside) = ((0.0_f32, 0.0_f32), 0.0_f32);
     for query in &queries {
@@ -83,16 +84,21 @@ fn at_rest(model: &Model, path: &Path) -> anyhow::Result<Query> {
     Ok(Query::from_pose(model, &scene, &rest)?)
 }
 
-fn read_light(model: &Model, path: &Path) -> anyhow::Result<Light> {
-    let (shape, values) = arrays::read_npy(path)?;
-    let n = model.header().coefficients();
-    let colours = match shape.as_slice() {
-        [found] if *found == n => 1,
-        [found, 3] if *found == n => 3,
-        _ => bail!("{} has shape {shape:?}, the model takes [{n}] or [{n}, 3]", path.display()),
-    };
-    let colour = |c: usize| values.iter().skip(c).step_by(colours).copied().collect();
-    Ok(Light::new(model, (0..colours).map(colour).collect())?)
+fn read_light(model: &Model, source: &str) -> anyhow::Result<Light> {
+    let header = model.header();
+    if light_source::is_array(source) {
+        let colours = light_source::read_array(Path::new(source), header.coefficients())?;
+        return Ok(Light::new(model, colours)?);
+    }
+    let is_ao = header.signal == Signal::Ao;
+    ensure!(
+        !is_ao,
+        "ambient occlusion meets no direction of light: give an array [1] or [1, 3] (.npy)"
+    );
+    let read = light_source::read_light(source, Order::new(header.order)?, 0.0)?;
+    read.notices.iter().for_each(|notice| tracing::warn!("{notice}"));
+    let colour = |values: &Vec<f64>| values.iter().map(|&value| value as f32).collect();
+    Ok(Light::new(model, read.light.colours().iter().map(colour).collect())?)
 }
 
 fn shape(model: &Model, poses: usize, light: Option<&Light>) -> Vec<usize> {

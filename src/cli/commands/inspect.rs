@@ -101,6 +101,7 @@ fn dataset(path: &Path) -> anyhow::Result<Answer> {
     let dataset = Dataset::open(path)?;
     let (layout, attributes) = (&dataset.header().layout, &dataset.header().attributes);
     let missing = dataset.missing_blocks().len();
+    let spent = pipeline::spent(&dataset)?;
     let mut splits = serde_json::Map::new();
     for (index, name) in SPLIT_NAMES.iter().enumerate() {
         let poses = dataset.splits().iter().filter(|&&split| usize::from(split) == index).count();
@@ -111,7 +112,7 @@ fn dataset(path: &Path) -> anyhow::Result<Answer> {
     } else {
         format!("{missing} of {} blocks missing", layout.blocks())
     };
-    let text = format!(
+    let mut text = format!(
         "data set: {} of order {}, {} poses of {} points ({} vertices), {} parameters, {}\n  splits {}\n  clips {}\n  bake {}",
         attributes.signal,
         attributes.order,
@@ -124,6 +125,9 @@ fn dataset(path: &Path) -> anyhow::Result<Answer> {
         attributes.clip_names.join(", "),
         attributes.hashes.get("bake").map_or("none", String::as_str),
     );
+    if let Some(spent) = &spent {
+        text += &format!("\n  {}", super::bake::left(spent));
+    }
     let json = json!({
         "kind": "dataset",
         "signal": attributes.signal,
@@ -136,6 +140,8 @@ fn dataset(path: &Path) -> anyhow::Result<Answer> {
         "splits": splits,
         "blocks": layout.blocks(),
         "missing_blocks": missing,
+        "rays_per_point": spent.map(|spent| spent.rays_per_point),
+        "noise_rms": spent.map(|spent| spent.noise),
         "hashes": attributes.hashes,
         "recipe": attributes.recipe,
     });

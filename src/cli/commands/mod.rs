@@ -73,6 +73,17 @@ fn keep_input(input: &Path, output: &Path) -> Result<(), Usage> {
     if same { Err(Usage(told())) } else { Ok(()) }
 }
 
+/// Refuses an output whose name says another format than the one that is written.
+fn named(output: &Path, suffix: &str) -> Result<(), Usage> {
+    let found = output.extension().and_then(|found| found.to_str()).unwrap_or_default();
+    if found.eq_ignore_ascii_case(suffix) {
+        return Ok(());
+    }
+    let right = output.with_extension(suffix);
+    let (output, right) = (output.display(), right.display());
+    Err(Usage(format!("this writes a .{suffix} file: name the output {right}, not {output}")))
+}
+
 /// The recipe to start from.
 fn start(args: &RecipeArgs) -> anyhow::Result<Recipe> {
     args.recipe.as_deref().map_or_else(|| Ok(Recipe::default()), read_recipe)
@@ -87,10 +98,48 @@ fn read_recipe(path: &Path) -> anyhow::Result<Recipe> {
 /// A model is about a megabyte; the full linear one of a large mesh stays below this.
 const MOST_MODEL_BYTES: u64 = 4 << 30;
 
+/// Refuses what is plainly something else, as where arguments change places.
+fn is_no_model(path: &Path) -> Result<(), Usage> {
+    let suffix = path.extension().and_then(|suffix| suffix.to_str()).unwrap_or_default();
+    let is = if path.is_dir() {
+        "a folder, such as a data set"
+    } else if ["glb", "gltf", "obj", "npz"].iter().any(|s| suffix.eq_ignore_ascii_case(s)) {
+        "a scene"
+    } else {
+        return Ok(());
+    };
+    let place = path.display();
+    Err(Usage(format!("{place} is {is}; a model (.safetensors), as `fit` writes it, goes first")))
+}
+
 /// A model from its file.
 fn read_model(path: &Path) -> anyhow::Result<(Model, u64)> {
+    is_no_model(path)?;
     let bytes = files::read(path, MOST_MODEL_BYTES)?;
     let model = Model::from_bytes(&bytes)
         .with_context(|| format!("{} is not a model that can be used", path.display()))?;
     Ok((model, bytes.len() as u64))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An output says what it will hold, in any case; a better name is proposed.
+    #[test]
+    fn an_output_says_what_it_holds() {
+        assert!(named(Path::new("a/b.GLB"), "glb").is_ok());
+        let told = |name: &str| named(Path::new(name), "png").expect_err(name).to_string();
+        assert!(told("a/b.jpg").contains("a/b.png, not a/b.jpg"));
+        assert!(told("still").contains("still.png, not still"));
+    }
+
+    /// A scene or a folder in the place of a model is named as what it is.
+    #[test]
+    fn what_is_no_model_is_named() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let told = |path: &Path| read_model(path).expect_err("no model").to_string();
+        assert!(told(folder.path()).contains("is a folder, such as a data set; a model"));
+        assert!(told(Path::new("hero.glb")).contains("hero.glb is a scene; a model"));
+    }
 }

@@ -10,6 +10,7 @@ use crate::pipeline::{self, Still, StillPicture, files};
 use crate::sh::Order;
 
 pub(in crate::cli) fn still(args: &StillArgs) -> anyhow::Result<Answer> {
+    super::named(&args.output, "png")?;
     let scene = pipeline::import(&args.scene)?;
     let model = args.model.as_deref().map(super::read_model).transpose()?.map(|(model, _)| model);
     let light = args.light.as_deref().map(|source| {

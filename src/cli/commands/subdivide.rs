@@ -12,6 +12,7 @@ use crate::render::colour;
 use crate::scene::{self, Attribute, Limits, Source};
 
 pub(in crate::cli) fn subdivide(args: &SubdivideArgs, stop: &AtomicBool) -> anyhow::Result<Answer> {
+    super::named(&args.output, "glb")?;
     super::keep_input(&args.scene, &args.output)?;
     let mut recipe = super::start(&args.recipe)?;
     args.poses.edit(&mut recipe);

@@ -5,6 +5,7 @@ use crate::bake;
 use crate::pipeline::recipe::subsurface::DEFAULT_REFRACTIVE_INDEX;
 use crate::pipeline::recipe::surroundings::GroundRecipe;
 use crate::pipeline::recipe::{BakeRecipe, FamilyName, NoiseGoalName, Recipe, SignalName};
+use crate::pipeline::rounds::Noises;
 use crate::sh::Order;
 
 pub(super) fn checked_bake(recipe: &BakeRecipe) -> Result<bake::Settings, RecipeError> {
@@ -39,19 +40,29 @@ pub(super) fn checked_bake(recipe: &BakeRecipe) -> Result<bake::Settings, Recipe
     })
 }
 
-pub(super) fn checked_noise(recipe: &BakeRecipe) -> Result<Option<bake::Noise>, RecipeError> {
+pub(super) fn checked_noises(recipe: &BakeRecipe) -> Result<Noises, RecipeError> {
     let goal = match recipe.noise_goal {
         None | Some(NoiseGoalName::Each) => bake::NoiseGoal::Each,
         Some(NoiseGoalName::Mean) => bake::NoiseGoal::Mean,
     };
-    if recipe.noise_goal.is_some() && recipe.noise.is_none() {
+    let to_noise = recipe.noise.is_some() || !recipe.more_noise.is_empty();
+    if recipe.noise_goal.is_some() && !to_noise {
         return Err(error("bake.noise_goal", "given", "it means nothing without a noise"));
     }
     if let Some(noise) = recipe.noise {
         let sound = noise.is_finite() && noise > 0.0;
         require(sound, "bake.noise", noise, "it must be a positive standard error")?;
     }
-    Ok(recipe.noise.map(|target| bake::Noise { target, goal }))
+    let (mut before, field) = (recipe.noise.unwrap_or(f32::INFINITY), "bake.more_noise");
+    for &noise in &recipe.more_noise {
+        let sound = noise > 0.0 && noise < before;
+        let expected = "each must be a positive standard error below the one before it";
+        require(sound, field, noise, expected)?;
+        before = noise;
+    }
+    let rounds = recipe.more_noise.len();
+    require(rounds <= 16, field, rounds, "there are at most 16 rounds")?;
+    Ok(Noises { first: recipe.noise, more: recipe.more_noise.clone(), goal })
 }
 
 fn checked_fitting(recipe: &BakeRecipe) -> Result<(), RecipeError> {
@@ -62,7 +73,8 @@ fn checked_fitting(recipe: &BakeRecipe) -> Result<(), RecipeError> {
     let Some(samples) = recipe.vertex_fit else { return Ok(()) };
     let (field, sound) = ("bake.vertex_fit", (1..=bake::MOST_SITES).contains(&samples));
     require(sound, field, samples, "it must be 1 to 1024 samples per vertex")?;
-    let alone = recipe.bounces == 0 && recipe.noise.is_none();
+    let to_noise = recipe.noise.is_some() || !recipe.more_noise.is_empty();
+    let alone = recipe.bounces == 0 && !to_noise;
     require(alone, field, samples, "it takes neither bounces nor a target noise")
 }
 

@@ -162,6 +162,7 @@ fn direct(job: &Job) -> Result<(), RecipeError> {
     let receivers = bake.surroundings.receivers.as_ref().map(|receivers| receivers.file.clone());
     refuse("bake.surroundings.receivers", receivers)?;
     refuse("bake.more_rays", bake.more_rays.first().map(u32::to_string))?;
+    refuse("bake.more_noise", bake.more_noise.first().map(f32::to_string))?;
     refuse("bake.subsurface", bake.subsurface.as_ref().map(|_| "stated".to_owned()))
 }
 
