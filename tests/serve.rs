@@ -19,6 +19,8 @@ mod limits;
 mod posed;
 #[path = "serve/scenes.rs"]
 mod scenes;
+#[path = "serve/slow.rs"]
+mod slow;
 #[path = "serve/soak.rs"]
 mod soak;
 #[path = "serve/webhooks.rs"]
@@ -138,6 +140,8 @@ fn a_job_makes_what_the_command_line_makes() {
     assert_eq!(server.get(&location, &[]).status, 404);
     assert_eq!(server.delete(&model).status, 204);
     assert_eq!(server.get(&format!("{model}/blob"), &[]).status, 404);
+    let gone = server.post(&format!("{model}/evaluate"), &json!({ "poses": [{}] }), &[]);
+    assert_eq!(gone.status, 404, "a deleted model is evaluated");
 }
 
 /// A clip's poses are what `poselight evaluate` gives; joints and parameters are taken; what is no
@@ -305,9 +309,17 @@ fn bad_requests_are_refused() {
         "#/recipe/bake/rays"
     );
     assert_eq!(
-        pointer(&with(json!({ "version": 1, "poses": { "clips": ["swim"] } }))),
-        "#/recipe/poses"
+        pointer(&with(json!({ "version": 1, "poses": { "clips": ["jump", "swim"] } }))),
+        "#/recipe/poses/clips/1"
     );
+    assert_eq!(
+        pointer(&with(json!({ "version": 1, "poses": { "hold_out": ["swim"] } }))),
+        "#/recipe/poses/hold_out/0"
+    );
+    let drawn = with(json!({ "version": 1, "poses": { "rate_hz": 4 } }));
+    let plan = server.post("/v1/jobs?dry_run=true", &drawn, &[]).json();
+    let notices = plan["notices"].to_string();
+    assert!(notices.contains("`poses.hold_out` chooses") && !notices.contains("--"), "{notices}");
     let missing =
         json!({ "kind": "run", "assets": { "a.glb": "0".repeat(64) }, "recipe": { "version": 1 } });
     assert_eq!(pointer(&missing), "#/assets/a.glb");
@@ -327,6 +339,17 @@ fn bad_requests_are_refused() {
         assert!((400..500).contains(&answer.status), "{query}");
         assert!(answer.json()["type"].is_string(), "{query}: {}", answer.text());
     }
+    for query in ["state=queued", "kind=run", "pages=1", "page_size=0"] {
+        let answer = server.get(&format!("/v1/models?{query}"), &[]);
+        assert!((400..500).contains(&answer.status), "{query}");
+    }
+    in_words(&server);
+    no_places(&server);
+    slow_and_truncated(&server);
+}
+
+/// What is nowhere, or not this service's, is told so; nothing of what was refused is kept.
+fn no_places(server: &Server) {
     for path in [
         "/v1/models/../../etc/passwd",
         "/v1/models/..",
@@ -339,7 +362,35 @@ fn bad_requests_are_refused() {
     assert_eq!(server.get("/health", &[("Host", "evil.example")]).status, 403);
     assert_eq!(server.get("/ready", &[]).status, 200);
     assert_eq!(server.get("/v1/jobs", &[]).json()["jobs"], json!([]), "a refused job was kept");
-    slow_and_truncated(&server);
+}
+
+/// A value in the wrong form is told at its place and in words of JSON, not of our types.
+fn in_words(server: &Server) {
+    let path = format!("/v1/models/{}/evaluate", "0".repeat(64));
+    for (body, pointer, fault) in [
+        (json!({ "clip": "jump" }), "#/clip", "an object with the clip's `name`"),
+        (json!({ "clip": { "name": "jump", "times_s": 1 } }), "#/clip/times_s", "a list is"),
+        (json!({ "poses": [{ "joints": [] }] }), "#/poses/0/joints", "an object is expected"),
+        (
+            json!({ "poses": [{ "joints": { "hip": { "rotation": [0, 0, 1] } } }] }),
+            "#/poses/0/joints/hip/rotation",
+            "a quaternion of four numbers, x, y, z and w; here 3 are given",
+        ),
+        (
+            json!({ "poses": [{ "joints": { "hip": { "rotation": ["x"] } } }] }),
+            "#/poses/0/joints/hip/rotation/0",
+            "a number is expected",
+        ),
+        (json!({ "light": 1 }), "#/light", "an object with `coefficients` or `asset`"),
+        (json!({ "vertices": [-1] }), "#/vertices/0", "a whole number from 0"),
+    ] {
+        let answer = server.post(&path, &body, &[]);
+        assert_eq!(answer.status, 422, "{}", answer.text());
+        let error = answer.json()["errors"][0].clone();
+        assert_eq!(error["pointer"], pointer, "{error}");
+        let told = error["detail"].as_str().unwrap_or_default();
+        assert!(told.contains(fault) && !told.contains("struct"), "{told}");
+    }
 }
 
 /// A client that does not finish its head is let go; an upload that ends early leaves nothing.
@@ -406,42 +457,111 @@ fn skip(lack: &str) {
     let _ = writeln!(std::io::stderr(), "skipped: there is no {lack}");
 }
 
-/// The Python client uploads, follows, downloads and evaluates; what it gets is what the command
-/// line makes, and a problem comes as an error that names the field.
+/// A Python that runs the client from a folder as a user does.
+struct Python<'a> {
+    python: &'a str,
+    server: &'a Server,
+    folder: String,
+}
+
+impl Python<'_> {
+    /// Runs some words of Python's own.
+    fn run(&self, words: &[&str]) -> std::process::Output {
+        std::process::Command::new(self.python)
+            .args(words)
+            .env("PYTHONPATH", &self.folder)
+            .env("PYTHONDONTWRITEBYTECODE", "1")
+            .env("POSELIGHT_SERVER", self.server.url())
+            .current_dir(self.server.path(""))
+            .output()
+            .expect("started")
+    }
+
+    /// The same, which must succeed; what was said.
+    fn sound(&self, words: &[&str]) -> String {
+        let output = self.run(words);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{words:?}: {said}");
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    }
+}
+
+const CLIENT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/clients/python");
+
+/// The Python client uploads, follows, downloads and evaluates, with numpy and without; what it gets
+/// is what the command line makes from the same flags, also of a service that puts it off, and a
+/// problem comes as an error that names the field.
 #[test]
 fn the_python_client_works() {
     let python = std::env::var("POSELIGHT_PYTHON").unwrap_or_else(|_| "python3".into());
     if !std::process::Command::new(&python).arg("-V").output().is_ok_and(|o| o.status.success()) {
         return skip(&python);
     }
-    let server = Server::start(&[]);
-    fs::write(server.path("recipe.json"), small().to_string()).expect("written");
-    server.command(&["run", "figure.glb", "-o", "out", "--recipe", "recipe.json"]);
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/clients/python/poselight_client.py");
-    let run = |words: &[&str]| {
-        std::process::Command::new(&python)
-            .arg(script)
-            .args(["--server", &server.url()])
-            .args(words)
-            .current_dir(server.path(""))
-            .output()
-            .expect("started")
-    };
-    let words = ["bake", "figure.glb", "-o", "made.safetensors", "--recipe", "recipe.json"];
-    let output = run(&[&words[..], &["--clip", "jump", "--values", "jump.f32"]].concat());
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let server = Server::start(&["--rate", "3"]);
+    let words = ["run", "figure.glb", "-o", "out", "--recipe", "recipe.json"];
+    let base = json!({ "version": 1, "poses": { "near_repeat": 0 }, "bake": { "signal": "ao" } });
+    fs::write(server.path("recipe.json"), base.to_string()).expect("written");
+    let flags = ["--rays", "2", "--fps", "4", "--hold-out", "jump", "--reference-poses", "1"];
+    server.command(&[&words[..], &flags].concat());
+    let user = Python { python: &python, server: &server, folder: CLIENT.to_owned() };
+    let words = ["-m", "poselight_client", "bake", "figure.glb", "--recipe", "recipe.json"];
+    let words = [&words[..], &flags].concat();
+    let plan = user.sound(&[&words[..], &["--dry-run"]].concat());
+    assert!(plan.contains("rays") && plan.contains("memory: "), "{plan}");
+    user.sound(
+        &[&words[..], &["-o", "made.safetensors", "--clip", "jump", "--values", "jump.f32"]]
+            .concat(),
+    );
     let read = |name: &str| fs::read(server.path(name)).expect("read");
     assert!(read("made.safetensors") == read("out/model.safetensors"), "another model");
     assert!(read("jump.f32").len() > 4, "no values");
-    scenes_of_several_files(&server, &python);
+    let bare = "import sys, runpy
+sys.modules['numpy'] = None
+runpy.run_module('poselight_client', run_name='__main__')";
+    let rest = [&words[2..], &["-o", "bare.safetensors", "--clip", "jump", "--values", "bare.f32"]];
+    user.sound(&[&["-c", bare][..], &rest.concat()].concat());
+    assert!(read("bare.f32") == read("jump.f32"), "other values without numpy");
+    scenes_of_several_files(&user);
+    installed(&user, &words);
     fs::write(server.path("bad.json"), r#"{"version":1,"bake":{"order":11}}"#).expect("written");
-    let output = run(&["bake", "figure.glb", "-o", "no", "--recipe", "bad.json"]);
+    let bad = ["-m", "poselight_client", "bake", "figure.glb", "-o", "no", "--recipe", "bad.json"];
+    let output = user.run(&bad);
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(!output.status.success() && message.contains("#/recipe/bake/order"), "{message}");
+    user.sound(&["-m", "unittest", "-q", "test_poselight_client"]);
+}
+
+/// The package that pyproject describes is installed, where pip has what that takes without a network,
+/// and works from there.
+fn installed(user: &Python, words: &[&str]) {
+    let server = user.server;
+    fs::create_dir(server.path("package")).expect("made");
+    for name in ["pyproject.toml", "poselight_client.py"] {
+        let from = Path::new(CLIENT).join(name);
+        fs::copy(from, server.path("package").join(name)).expect("copied");
+    }
+    let pip = ["-m", "pip", "-q", "install", "--no-index", "--no-build-isolation", "--no-deps"];
+    let pip = [&pip[..], &["--target", "site", "./package"]].concat();
+    let folder = server.path("package").display().to_string();
+    let others = [user.python, "python3", "/usr/bin/python3"].map(|python| Python {
+        python,
+        server,
+        folder: folder.clone(),
+    });
+    if !others.iter().any(|other| other.run(&pip).status.success()) {
+        let _ = writeln!(std::io::stderr(), "skipped: no pip here installs without a network");
+        return;
+    }
+    let folder = server.path("site").display().to_string();
+    let from = Python { python: user.python, server, folder };
+    let plan = from.sound(&[words, &["--dry-run"]].concat());
+    assert!(plan.contains("rays"), "{plan}");
+    assert!(server.path("site/bin/poselight-client").is_file(), "there is no command");
 }
 
 /// A glTF with its buffer, and a zip of both, are uploaded as the same assets.
-fn scenes_of_several_files(server: &Server, python: &str) {
+fn scenes_of_several_files(user: &Python) {
+    let server = user.server;
     let glb = fs::read(server.path("figure.glb")).expect("made");
     let (document, buffer) = scenes::apart(&glb);
     let files = [("hero.gltf", &document[..]), ("data/hero one.bin", &buffer[..])];
@@ -453,14 +573,8 @@ fn scenes_of_several_files(server: &Server, python: &str) {
     fs::write(server.path("hero.zip"), scenes::zipped(&files)).expect("written");
     let script = "import sys, json; from poselight_client import Client
 print(json.dumps([Client(sys.argv[1]).scene(path) for path in sys.argv[2:]]))";
-    let output = std::process::Command::new(python)
-        .args(["-c", script, &server.url(), "apart/hero.gltf", "hero.zip"])
-        .env("PYTHONPATH", concat!(env!("CARGO_MANIFEST_DIR"), "/clients/python"))
-        .current_dir(server.path(""))
-        .output()
-        .expect("started");
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let scenes: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let said = user.sound(&["-c", script, &server.url(), "apart/hero.gltf", "hero.zip"]);
+    let scenes: Value = serde_json::from_str(&said).expect("JSON");
     let names = json!({ "hero.gltf": sha256(&document), "data/hero one.bin": sha256(&buffer) });
     assert_eq!(scenes, json!([[names, "hero.gltf"], [names, "hero.gltf"]]));
 }

@@ -6,7 +6,7 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use clap::{Arg, CommandFactory};
+use clap::{Arg, Command, CommandFactory};
 use serde_json::Value;
 
 use super::args::Cli;
@@ -17,12 +17,15 @@ const MOST_BYTES: u64 = 1 << 20;
 
 /// The words of the command line with those that the file of `serve --config FILE` adds.
 pub(super) fn with_file(words: Vec<OsString>) -> anyhow::Result<Vec<OsString>> {
-    let Some(serve) = words.iter().position(|word| word == "serve") else { return Ok(words) };
+    let command = Cli::command();
+    let Some(serve) = subcommand(&command, &words) else { return Ok(words) };
+    if words[serve] != "serve" {
+        return Ok(words);
+    }
     let Some(path) = named(&words[serve..]) else { return Ok(words) };
     let bytes = files::read(&path, MOST_BYTES)?;
     let settings: BTreeMap<String, Value> =
         serde_json::from_slice(&bytes).with_context(|| path.display().to_string())?;
-    let command = Cli::command();
     let serve_command = command.find_subcommand("serve").context("there is no `serve`")?;
     let known: Vec<&Arg> = serve_command.get_arguments().collect();
     let mut out = words[..=serve].to_vec();
@@ -31,6 +34,23 @@ pub(super) fn with_file(words: Vec<OsString>) -> anyhow::Result<Vec<OsString>> {
     }
     out.extend_from_slice(&words[serve + 1..]);
     Ok(out)
+}
+
+/// Which word is the subcommand: the first that is neither a flag nor a flag's value.
+fn subcommand(command: &Command, words: &[OsString]) -> Option<usize> {
+    let takes_value = |word: &str| {
+        let mut flags = command.get_arguments();
+        let flag = flags.find(|arg| arg.get_long().is_some_and(|long| word == format!("--{long}")));
+        flag.is_some_and(|arg| arg.get_action().takes_values())
+    };
+    let mut at = 1;
+    loop {
+        let word = words.get(at)?;
+        let Some(text) = word.to_str().filter(|word| word.starts_with('-')) else {
+            return Some(at);
+        };
+        at += if takes_value(text) { 2 } else { 1 };
+    }
 }
 
 /// The file that is named, by flag or by environment.
@@ -124,7 +144,20 @@ mod tests {
         for bad in [r#"{"job": 2}"#, r#"{"jobs": []}"#, r#"{"config": "x"}"#, "[]", "{"] {
             assert!(with(bad, &[]).is_err(), "{bad}");
         }
-        let other: Vec<OsString> = vec!["poselight".into(), "bake".into()];
-        assert_eq!(with_file(other.clone()).expect("untouched"), other);
+        // A word `serve` that is no subcommand has no settings; a flag before one that is has.
+        for other in [
+            "poselight bake",
+            "poselight inspect serve --config nowhere.json",
+            "poselight --threads 2 token create serve --config nowhere.json",
+            "poselight --json",
+        ] {
+            let other: Vec<OsString> = other.split(' ').map(OsString::from).collect();
+            assert_eq!(with_file(other.clone()).expect("untouched"), other);
+        }
+        for flags in ["--json", "--threads 2", "--threads=2 --json"] {
+            let words = format!("poselight {flags} serve --config nowhere.json");
+            let words: Vec<OsString> = words.split(' ').map(OsString::from).collect();
+            assert!(with_file(words).is_err(), "{flags}: the file is not looked for");
+        }
     }
 }

@@ -25,6 +25,15 @@ pub fn import(path: &Path) -> Result<Scene, Error> {
         .map_err(|source| Error::Scene { file: path.display().to_string(), source })
 }
 
+/// As [`import`], of a `.gltf` that may be without its buffers; whether it needs none.
+///
+/// # Errors
+/// [`Error::Scene`].
+pub fn check_document(path: &Path) -> Result<bool, Error> {
+    scene::check_document(path, &Limits::default())
+        .map_err(|source| Error::Scene { file: path.display().to_string(), source })
+}
+
 /// A posed mesh by points, root frame.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PointSurface {

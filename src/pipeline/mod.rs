@@ -70,7 +70,7 @@ pub use figures::{ChoiceFigures, Figures, ModelFigures, Spectra, Times};
 pub use fit::{FittedModel, fit, fit_mean, fit_watched, fit_without, recipe_of, recipe_of_model};
 use fit::{Part, fit_part};
 pub use hash::Hashes;
-pub use job::{Around, Job, PointSurface, import};
+pub use job::{Around, Job, PointSurface, check_document, import};
 pub use map_light::{MapError, check_map, map_light};
 pub use measure::measure;
 pub use notices::{notices, reference_notice};

@@ -175,6 +175,22 @@ pub fn import_content(path: &Path, limits: &Limits, content: Content) -> Result<
     })
 }
 
+/// Finds what is wrong with a `.gltf` whose buffers are not at hand: its text, what it needs, and what
+/// points nowhere in it. One that needs no other file is imported. Whether that was done.
+///
+/// # Errors
+/// See [`Error`].
+pub fn check_document(path: &Path, limits: &Limits) -> Result<bool, Error> {
+    let bytes = source::read(path, limits)?;
+    let (mut budget, mut notices) = (Budget::new(limits), Notices::default());
+    let document = gltf::Document::parse(&bytes, &mut budget, &mut notices)?;
+    let whole = gltf::check(&document, &mut budget, &mut notices)?;
+    if whole {
+        import(path, limits)?;
+    }
+    Ok(whole)
+}
+
 /// As [`import`], from memory: the main file first, external buffers found by name.
 ///
 /// # Errors

@@ -10,6 +10,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::problem::Problem;
+use super::words;
 
 /// Runs what blocks away from the threads that answer; what it logs bears its request's id.
 pub(super) async fn blocking<T: Send + 'static>(
@@ -57,7 +58,7 @@ pub(super) fn document<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> 
     let mut reader = serde_json::Deserializer::from_slice(bytes);
     let value: T = serde_path_to_error::deserialize(&mut reader).map_err(|error| {
         let pointer = pointer(&error.path().to_string());
-        let fault = error.inner().to_string();
+        let fault = words::of_json(error.inner());
         let status = match error.inner().classify() {
             serde_json::error::Category::Data => StatusCode::UNPROCESSABLE_ENTITY,
             _ => StatusCode::BAD_REQUEST,
@@ -74,9 +75,12 @@ pub(super) fn document<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> 
 pub(super) fn pointer(path: &str) -> String {
     let parts = path.split(['.', '[']).map(|part| part.trim_end_matches(']'));
     let parts = parts.filter(|part| !part.is_empty() && *part != "?");
-    parts.fold("#".to_owned(), |pointer, part| {
-        pointer + "/" + &part.replace('~', "~0").replace('/', "~1")
-    })
+    parts.fold("#".to_owned(), |pointer, part| pointer + "/" + &escaped(part))
+}
+
+/// A name as a part of a JSON pointer.
+pub(super) fn escaped(name: &str) -> String {
+    name.replace('~', "~0").replace('/', "~1")
 }
 
 /// What follows the `?`; a fault is a problem like any other.
@@ -89,7 +93,8 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Params<T> {
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
         let query = Query::from_request_parts(parts, state).await;
         query.map(|Query(params)| Self(params)).map_err(|rejection| {
-            Problem::new(StatusCode::BAD_REQUEST, "bad-request", rejection.body_text())
+            let detail = words::of_query(&rejection.body_text());
+            Problem::new(StatusCode::BAD_REQUEST, "bad-request", detail)
         })
     }
 }

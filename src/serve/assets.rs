@@ -14,9 +14,11 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use tokio::io::AsyncWriteExt;
+use tokio::sync::OwnedSemaphorePermit;
 
 use super::answer::{self, Params, blocking, content_length, is_sha256};
 use super::problem::Problem;
+use super::room::Place;
 use super::store::{Asset, hexadecimal};
 use super::{Limits, Service, StoreError, bundle, files, store};
 use crate::pipeline;
@@ -60,10 +62,10 @@ pub(super) async fn put(
         }
         return again(&service, &asset).await;
     }
-    check_room(&service, length).await?;
+    let place = room_for(&service, length).await?;
     let incoming = Arc::new(service.store.folder().incoming()?);
     let path = incoming.path().join(format!("asset.{}", extension.unwrap_or("bin")));
-    let (bytes, found) = receive(body, &path, &service.settings.limits).await?;
+    let (bytes, found, place) = receive(&service, body, &path, place).await?;
     if bytes == 0 {
         return Err(Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "bad-asset", "it has no bytes"));
     }
@@ -73,6 +75,7 @@ pub(super) async fn put(
     }
     let worker = Arc::clone(&service);
     let shown = importing(&service, move || {
+        let _until_kept = place;
         let parts = parts(&worker, &path, incoming.path())?;
         let asset = keep(&worker, &path, &sha256, bytes, parts.is_some())?;
         Ok(show(&asset, parts))
@@ -87,13 +90,18 @@ pub(super) async fn importing<T: Send + 'static>(
     service: &Service,
     work: impl FnOnce() -> Result<T, Problem> + Send + 'static,
 ) -> Result<T, Problem> {
-    let places = Arc::clone(&service.imports);
-    let permit = places.acquire_owned().await.map_err(|error| Problem::internal(&error))?;
+    let permit = turn(service).await?;
     blocking(move || {
         let _until_done = permit;
         work()
     })
     .await
+}
+
+/// Waits until one more scene may be imported; another may when what this gives is dropped.
+pub(super) async fn turn(service: &Service) -> Result<OwnedSemaphorePermit, Problem> {
+    let places = Arc::clone(&service.imports);
+    places.acquire_owned().await.map_err(|error| Problem::internal(&error))
 }
 
 /// An asset that was there. Files of an archive may have been removed since: they are there again.
@@ -138,7 +146,18 @@ async fn lookup(service: &Arc<Service>, sha256: &str) -> Result<Option<Asset>, P
         return Ok(None);
     }
     let (service, sha256) = (Arc::clone(service), sha256.to_owned());
-    blocking(move || Ok(service.store.asset(&sha256)?)).await
+    blocking(move || {
+        let asset = service.store.asset(&sha256)?;
+        // Who is told that it is there may name it in a job.
+        if asset.is_some()
+            && service.settings.limits.keep_days.is_some()
+            && let Err(error) = service.store.renew_asset(&sha256)
+        {
+            tracing::warn!(%error, "an asset stays as old as it was");
+        }
+        Ok(asset)
+    })
+    .await
 }
 
 fn show(asset: &Asset, parts: Option<Parts>) -> Value {
@@ -154,27 +173,21 @@ fn show(asset: &Asset, parts: Option<Parts>) -> Value {
     shown
 }
 
-/// The extension of a file that the importer reads on its own.
+/// The extension of a file that is looked at when it comes.
 fn extension(name: Option<&str>) -> Option<&'static str> {
     let extension = Path::new(name?).extension()?.to_str()?.to_ascii_lowercase();
-    ["glb", "obj", "npz", "hdr", "exr", "zip"].into_iter().find(|known| *known == extension)
+    ["glb", "gltf", "obj", "npz", "hdr", "exr", "zip"].into_iter().find(|known| *known == extension)
 }
 
-/// Refuses what is too large before it is sent.
-async fn check_room(service: &Arc<Service>, length: Option<u64>) -> Result<(), Problem> {
-    let limits = service.settings.limits;
+/// Refuses what is too large before it is sent, and takes its room.
+async fn room_for(service: &Arc<Service>, length: Option<u64>) -> Result<Place, Problem> {
+    let most = service.settings.limits.asset_bytes;
     let length = length.unwrap_or(0);
-    if length > limits.asset_bytes {
-        return Err(too_large(limits.asset_bytes));
+    if length > most {
+        return Err(too_large(most));
     }
-    let worker = Arc::clone(service);
-    let kept = blocking(move || Ok(worker.store.asset_bytes()?)).await?;
-    if kept.saturating_add(length) > limits.assets_bytes {
-        let detail = "all assets together would be over the limit";
-        return Err(Problem::new(StatusCode::INSUFFICIENT_STORAGE, "storage-full", detail)
-            .limit("assets_bytes", limits.assets_bytes));
-    }
-    Ok(())
+    let (worker, mut place) = (Arc::clone(service), Place::new(service));
+    blocking(move || place.hold(&worker, length).map(|()| place)).await
 }
 
 pub(super) fn too_large(most: u64) -> Problem {
@@ -183,9 +196,14 @@ pub(super) fn too_large(most: u64) -> Problem {
         .limit("asset_bytes", most)
 }
 
-/// Streams a body to a file; its size and SHA-256.
-async fn receive(body: Body, path: &PathBuf, limits: &Limits) -> Result<(u64, String), Problem> {
-    let (most, idle_s) = (limits.asset_bytes, limits.idle_s);
+/// Streams a body to a file, with room taken as it comes; its size, its SHA-256 and its room.
+async fn receive(
+    service: &Arc<Service>,
+    body: Body,
+    path: &PathBuf,
+    mut place: Place,
+) -> Result<(u64, String, Place), Problem> {
+    let Limits { asset_bytes: most, idle_s, .. } = service.settings.limits;
     let idle = |_| {
         let detail = format!("nothing came for {idle_s} s");
         Problem::new(StatusCode::REQUEST_TIMEOUT, "timeout", detail)
@@ -203,12 +221,16 @@ async fn receive(body: Body, path: &PathBuf, limits: &Limits) -> Result<(u64, St
         if bytes > most {
             return Err(too_large(most));
         }
+        if !place.holds(bytes) {
+            let worker = Arc::clone(service);
+            place = blocking(move || place.hold_more(&worker, bytes).map(|()| place)).await?;
+        }
         hasher.update(&chunk);
         file.write_all(&chunk).await.map_err(io)?;
     }
     file.flush().await.map_err(io)?;
     file.sync_all().await.map_err(io)?;
-    Ok((bytes, hexadecimal(&hasher.finalize())))
+    Ok((bytes, hexadecimal(&hasher.finalize()), place))
 }
 
 /// Imports a scene, and moves a sound file to its place.
@@ -219,23 +241,29 @@ fn keep(
     bytes: u64,
     is_bundle: bool,
 ) -> Result<Asset, Problem> {
-    let kind = if is_bundle {
-        BUNDLE
-    } else if is_map(path) {
-        check_map(path)?;
-        "light"
-    } else {
-        match check(path) {
-            None => "file",
-            Some(Ok(_)) => "scene",
-            Some(Err(error)) => return Err(bad_asset(&error)),
-        }
-    };
-    store::settle(path, &service.store.folder().asset(sha256))?;
-    service.store.add_asset(sha256, bytes, kind)?;
+    let kind = if is_bundle { BUNDLE } else { kind(path)? };
+    service.store.add_asset(sha256, bytes, kind, path)?;
     tracing::info!(sha256, bytes, kind, "asset");
     let asset = service.store.asset(sha256)?;
     asset.ok_or_else(|| Problem::internal(&"an asset that was just kept is gone"))
+}
+
+/// What a file is, once what it was named as is found sound.
+fn kind(path: &Path) -> Result<&'static str, Problem> {
+    if is_map(path) {
+        check_map(path)?;
+        return Ok("light");
+    }
+    if path.extension().is_some_and(|extension| extension == "gltf") {
+        // Its buffers and pictures are files of their own, which may still be on their way.
+        let whole = pipeline::check_document(path).map_err(|error| bad_asset(&error))?;
+        return Ok(if whole { "scene" } else { "gltf" });
+    }
+    match check(path) {
+        None => Ok("file"),
+        Some(Ok(())) => Ok("scene"),
+        Some(Err(error)) => Err(bad_asset(&error)),
+    }
 }
 
 /// Whether a file was named as a map of light.

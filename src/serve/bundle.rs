@@ -16,6 +16,7 @@ use zip::read::ZipFile;
 use super::assets::{bad_asset, too_large};
 use super::problem::Problem;
 use super::request::{MOST_FILES, is_safe};
+use super::room::Place;
 use super::store::{self, hexadecimal};
 use super::{Service, StoreError};
 use crate::pipeline;
@@ -57,15 +58,13 @@ pub(super) fn unpack(
     for part in parts.values() {
         new += if service.store.asset(&part.sha256)?.is_some() { 0 } else { part.bytes };
     }
-    if service.store.asset_bytes()?.saturating_add(new) > limits.assets_bytes {
-        let detail = "all assets together would be over the limit";
-        return Err(Problem::new(StatusCode::INSUFFICIENT_STORAGE, "storage-full", detail)
-            .limit("assets_bytes", limits.assets_bytes));
-    }
+    let mut place = Place::new(service);
+    place.hold(service, new)?;
     for (name, part) in &parts {
         if service.store.asset(&part.sha256)?.is_none() {
-            store::settle(&folder.join(name), &service.store.folder().asset(&part.sha256))?;
-            service.store.add_asset(&part.sha256, part.bytes, "file")?;
+            service.store.add_asset(&part.sha256, part.bytes, "file", &folder.join(name))?;
+        } else {
+            service.store.renew_asset(&part.sha256)?;
         }
     }
     Ok(parts.into_iter().map(|(name, part)| (name, part.sha256)).collect())

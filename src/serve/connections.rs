@@ -1,6 +1,7 @@
 //! Connections: of HTTP/1.1 or, for gRPC and whoever else begins so, of HTTP/2; bounded in number, in
 //! the time and size of a request's head, and let go in peace when the service ends.
 
+use std::convert::Infallible;
 use std::io::Cursor;
 use std::pin::pin;
 use std::sync::Arc;
@@ -8,7 +9,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use axum::Router;
+use hyper::body::Incoming;
 use hyper::server::conn::{http1, http2};
+use hyper::service::Service as _;
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::graceful::GracefulShutdown;
 use hyper_util::service::TowerToHyperService;
@@ -16,6 +19,7 @@ use tokio::io::AsyncReadExt;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{Semaphore, watch};
 
+use super::stalled::{Requests, Watched};
 use super::{FAREWELL, Limits};
 
 /// Bytes of a request's head at most.
@@ -52,6 +56,8 @@ struct Speaker {
     app: TowerToHyperService<Router>,
     /// For the first bytes.
     patience: Duration,
+    /// How long a client may take nothing.
+    idle: Duration,
     stopping: watch::Receiver<bool>,
 }
 
@@ -73,7 +79,25 @@ impl Speaker {
             .initial_connection_window_size(STREAMS * STREAM_BYTES)
             .keep_alive_interval(LOOK)
             .keep_alive_timeout(patience.max(PAUSE));
-        Self { http1, http2, app: TowerToHyperService::new(app), patience, stopping }
+        let idle = Duration::from_secs(u64::from(limits.idle_s));
+        Self { http1, http2, app: TowerToHyperService::new(app), patience, idle, stopping }
+    }
+
+    /// The service for one connection of HTTP/2, whose requests are known.
+    fn watched(
+        &self,
+        requests: &Requests,
+    ) -> impl hyper::service::Service<
+        hyper::Request<Incoming>,
+        Response = hyper::Response<Watched>,
+        Error = Infallible,
+        Future: Send + 'static,
+    > + use<> {
+        let (app, requests) = (self.app.clone(), requests.clone());
+        hyper::service::service_fn(move |request| {
+            let (open, answer) = (requests.begin(), app.call(request));
+            async move { answer.await.map(|answer| answer.map(|body| open.answer(body))) }
+        })
     }
 
     /// One connection to its end.
@@ -90,13 +114,20 @@ impl Speaker {
         // The connection first: one that is told to end before it has looked at what was read would
         // drop it. A client that vanishes is no fault of ours.
         if is_http2 {
-            let mut connection = pin!(self.http2.serve_connection(io, self.app.clone()));
+            let requests = Requests::new();
+            let mut connection = pin!(self.http2.serve_connection(io, self.watched(&requests)));
+            let to_its_end = async {
+                tokio::select! {
+                    biased;
+                    _ = connection.as_mut() => return,
+                    () = self.stopped() => connection.as_mut().graceful_shutdown(),
+                }
+                let _ = connection.await;
+            };
             tokio::select! {
-                biased;
-                _ = connection.as_mut() => return,
-                () = self.stopped() => connection.as_mut().graceful_shutdown(),
+                () = to_its_end => {}
+                () = requests.stalled(self.idle) => tracing::debug!("a client takes nothing"),
             }
-            let _ = connection.await;
         } else {
             let mut connection = pin!(self.http1.serve_connection(io, self.app.clone()));
             tokio::select! {

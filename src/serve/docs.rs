@@ -19,6 +19,18 @@ const STYLE: &str = "body{font-family:sans-serif;max-width:70em;margin:2em auto;
     code{font-weight:bold}summary{cursor:pointer;padding:.3em 0}td,th{text-align:left;padding:.1em \
     1em .1em 0;vertical-align:top}";
 
+/// The way of a scene to values, as README has it, where it is run by a test.
+const EXAMPLE: &str = r#"sum=$(sha256sum hero.glb | cut -d" " -f1)
+curl -fT hero.glb "localhost:7878/v1/assets/$sum?name=hero.glb"
+job=$(curl -f localhost:7878/v1/jobs -d '{"kind": "run", "assets": {"hero.glb": "'$sum'"},
+    "recipe": {"version": 1, "poses": {"rate_hz": 10}, "bake": {"rays": 64},
+        "target": {"reference_poses": 10}}}' | jq -r .id)
+curl -fN localhost:7878/v1/jobs/$job/events
+model=$(curl -f localhost:7878/v1/jobs/$job | jq -r .result.href)
+curl -fo hero.safetensors localhost:7878$model/blob
+curl -f localhost:7878$model/evaluate -d '{"vertices": [0, 1], "poses": [{"joints": {}}]}'
+"#;
+
 static PAGE: LazyLock<String> = LazyLock::new(|| page(document()));
 
 pub(super) async fn get() -> Response {
@@ -33,8 +45,13 @@ fn page(document: &Value) -> String {
     let mut out = format!(
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Poselight's interface</title>\
          <style>{STYLE}</style><h1>Poselight's interface</h1><p>{}<p>The same for programs: \
-         <a href=\"/openapi.json\">/openapi.json</a>.<h2>Paths</h2>",
-        prose(text(&document["info"]["description"]))
+         <a href=\"/openapi.json\">/openapi.json</a>.<h2>From a scene to values</h2><p>Upload, submit, \
+         watch, download, evaluate; where the service has tokens each line sends one \
+         (<code>-H \"Authorization: Bearer $POSELIGHT_TOKEN\"</code>), and \
+         <code>?dry_run=true</code> at the second line says what the job would cost.<pre>{}</pre>\
+         <h2>Paths</h2>",
+        prose(text(&document["info"]["description"])),
+        escape(EXAMPLE)
     );
     for (path, methods) in document["paths"].as_object().into_iter().flatten() {
         for (method, operation) in methods.as_object().into_iter().flatten() {
@@ -143,6 +160,17 @@ fn escape(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The example is README's, line by line, and so is known to work.
+    #[test]
+    fn the_example_is_readmes() {
+        let readme = include_str!("../../README.md");
+        let block = readme.split("```console\n").nth(1).and_then(|rest| rest.split("```").next());
+        let block = block.expect("a block");
+        let lines = block.lines().map(|line| line.strip_prefix("$ ").unwrap_or(line));
+        assert!(lines.eq(EXAMPLE.lines()), "{block}");
+        assert!(PAGE.contains(&escape(EXAMPLE)));
+    }
 
     /// Every path and every schema is on the page, nothing is loaded from elsewhere, and every link
     /// leads somewhere on it.

@@ -5,32 +5,17 @@ use std::time::Instant;
 
 use axum::body::Body;
 use axum::extract::{Path, State};
-use axum::http::{HeaderMap, StatusCode, header};
-use axum::response::{IntoResponse, Response};
-use serde_json::json;
+use axum::http::HeaderMap;
+use axum::response::Response;
 
-use super::answer::{self, blocking, bytes, document, is_sha256};
+use super::Service;
+use super::answer::{blocking, bytes, document, is_sha256};
 use super::jobs::accepts;
 use super::poses::{EvaluateRequest, refused};
 use super::problem::Problem;
-use super::{Service, files};
-use crate::model::{Distance, Model};
+use super::values::{RAW, Values, as_bytes, as_json};
+use crate::model::Model;
 use crate::pipeline::{Light, Query};
-
-/// The kind of an answer of raw numbers.
-pub(super) const RAW: &str = "application/octet-stream";
-
-/// Values and how far to trust them.
-pub(super) struct Values {
-    /// `[pose, vertex, channel, coefficient]`, or `[pose, vertex, colour]` under a light.
-    pub(super) shape: Vec<usize>,
-    pub(super) values: Vec<f32>,
-    pub(super) frame: &'static str,
-    /// One per pose.
-    pub(super) distances: Vec<Distance>,
-    /// What a distance's residual is to be compared with.
-    pub(super) residual_rms: f32,
-}
 
 /// What is evaluated at poses.
 pub(super) struct Asked<'a> {
@@ -58,7 +43,7 @@ pub(super) async fn post(
         let request: EvaluateRequest = document(&body)?;
         let model = worker.hot.model(&worker, &id)?.ok_or_else(|| Problem::not_found("model"))?;
         let values = evaluate(&worker, &id, &model, &request)?;
-        Ok(if raw { as_bytes(&values) } else { as_json(&values) })
+        Ok(if raw { as_bytes(values) } else { as_json(values) })
     })
     .await;
     service.metrics.evaluated(start.elapsed());
@@ -110,35 +95,4 @@ impl Asked<'_> {
         let residual_rms = header.training.residual_rms;
         Ok(Values { shape, values, frame, distances, residual_rms })
     }
-}
-
-fn as_json(values: &Values) -> Response {
-    let distances = values.distances.iter().map(
-        |distance| json!({ "mahalanobis": distance.mahalanobis, "residual": distance.residual }),
-    );
-    let value = json!({
-        "shape": values.shape,
-        "frame": values.frame,
-        "distances": distances.collect::<Vec<_>>(),
-        "training_residual_rms": values.residual_rms,
-        "values": values.values,
-    });
-    answer::json(StatusCode::OK, &value)
-}
-
-/// The numbers alone; the rest goes into headers, the largest distance for all poses.
-fn as_bytes(values: &Values) -> Response {
-    let shape: Vec<String> = values.shape.iter().map(ToString::to_string).collect();
-    let most = |of: fn(&Distance) -> f32| values.distances.iter().map(of).fold(0.0, f32::max);
-    let (mahalanobis, residual) = (most(|d| d.mahalanobis), most(|d| d.residual));
-    let response = ([(header::CONTENT_TYPE, RAW)], little_endian(&values.values)).into_response();
-    let response = files::with(response, "poselight-shape", &shape.join(","));
-    let response = files::with(response, "poselight-frame", values.frame);
-    let response = files::with(response, "poselight-mahalanobis-max", &mahalanobis.to_string());
-    files::with(response, "poselight-residual-max", &residual.to_string())
-}
-
-/// The numbers as raw bytes.
-pub(super) fn little_endian(values: &[f32]) -> Vec<u8> {
-    values.iter().flat_map(|value| value.to_le_bytes()).collect()
 }

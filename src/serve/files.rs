@@ -35,7 +35,14 @@ pub(super) async fn immutable(
         return Ok(response);
     }
     let io = |source| StoreError::Io { action: "read", path: path.to_path_buf(), source };
-    let mut file = tokio::fs::File::open(path).await.map_err(io)?;
+    let mut file = match tokio::fs::File::open(path).await {
+        // Deleted since it was looked up.
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            tracing::warn!(path = %path.display(), "a file is gone");
+            return Err(Problem::not_found("file any more"));
+        }
+        opened => opened.map_err(io)?,
+    };
     let size = file.metadata().await.map_err(io)?.len();
     // A range of another version than the client has is a range of nothing.
     let same = text(headers, "if-range").is_none_or(|given| given == tag);

@@ -21,6 +21,8 @@ use super::{Service, files, grpc, origins};
 pub(super) struct Client {
     /// The token's name; empty where no token is needed.
     pub(super) name: String,
+    /// Whether it may change things, and so see whom jobs tell of their end.
+    pub(super) may_write: bool,
 }
 
 /// On every answer: it is no page, no frame, no script, and nothing tells where it came from.
@@ -105,17 +107,15 @@ async fn in_time(service: &Service, request: Request, next: Next) -> Response {
     }
     let seconds = service.settings.limits.request_s;
     let limit = Duration::from_secs(u64::from(seconds));
-    tokio::time::timeout(limit, next.run(request)).await.unwrap_or_else(|_| {
-        let detail = format!("there was no answer within {seconds} s");
-        Problem::new(StatusCode::SERVICE_UNAVAILABLE, "timeout", detail)
-            .limit("request_s", u64::from(seconds))
-            .into_response()
-    })
+    let answer = tokio::time::timeout(limit, next.run(request)).await;
+    answer.unwrap_or_else(|_| Problem::late(seconds).into_response())
 }
 
-/// Uploads, downloads and events take as long as they take.
+/// Uploads, downloads and events take as long as they take; a submission keeps its own time, for what
+/// is accepted must not be answered with a refusal.
 fn is_stream(method: &Method, path: &str) -> bool {
     (path.starts_with("/v1/assets/") && *method != Method::HEAD)
+        || (path == "/v1/jobs" && *method == Method::POST)
         || path.ends_with("/events")
         || grpc::is_path(path)
         || path.ends_with("/blob")
@@ -131,11 +131,11 @@ async fn admit(
     if !service.guarded {
         // Anybody on this machine may ask; a page in somebody's browser may not ask for them.
         let page = origins::allowed(&service.settings.origins, headers).is_some();
-        return local(headers, page).map(|()| Client { name: String::new() });
+        return local(headers, page).map(|()| Client { name: String::new(), may_write: true });
     }
     let open = matches!(path, "/health" | "/ready" | "/openapi.json" | "/docs");
     if open || path.starts_with(grpc::HEALTH) {
-        return Ok(Client { name: String::new() });
+        return Ok(Client { name: String::new(), may_write: false });
     }
     let secret = text(headers, "authorization")
         .and_then(|value| value.split_once(' '))
@@ -149,11 +149,13 @@ async fn admit(
     let token = blocking(move || Ok(worker.store.token(&hash)?)).await?;
     let token = token.ok_or_else(|| unauthorized("the token is unknown or has expired"))?;
     let needed = scope(method, path);
-    if !token.scopes.split(' ').any(|scope| scope == needed) {
+    let has = |scope| token.scopes.split(' ').any(|own| own == scope);
+    if !has(needed) {
         let detail = format!("the token lacks the scope `{needed}`");
         return Err(Problem::new(StatusCode::FORBIDDEN, "forbidden", detail));
     }
-    Ok(Client { name: token.name })
+    let may_write = has("write");
+    Ok(Client { name: token.name, may_write })
 }
 
 /// What a token must allow; an evaluation changes nothing.

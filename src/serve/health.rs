@@ -7,10 +7,10 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde_json::{Value, json};
 
-use super::Service;
 use super::answer::{self, blocking};
 use super::problem::Problem;
 use super::store::State as JobState;
+use super::{Service, disk};
 use crate::pipeline::recipe::Recipe;
 
 /// The document of the interface, without the recipe.
@@ -44,11 +44,16 @@ pub(super) async fn health() -> Response {
 /// Ready is who can take a job: the disk takes writes, and the service is not about to end.
 pub(super) async fn ready(State(service): State<Arc<Service>>) -> Response {
     let stopping = *service.stopping.borrow();
-    let touched = blocking(move || Ok(service.store.touch()?)).await;
-    let (status, state) = match (stopping, touched) {
+    let look = move || {
+        let full = disk::is_full(&service);
+        service.store.touch()?;
+        Ok(full)
+    };
+    let (status, state) = match (stopping, blocking(look).await) {
         (true, _) => (StatusCode::SERVICE_UNAVAILABLE, "stopping"),
         (false, Err(_)) => (StatusCode::SERVICE_UNAVAILABLE, "the store takes no writes"),
-        (false, Ok(())) => (StatusCode::OK, "ready"),
+        (false, Ok(true)) => (StatusCode::SERVICE_UNAVAILABLE, "the disk has no room for a job"),
+        (false, Ok(false)) => (StatusCode::OK, "ready"),
     };
     answer::json(status, &json!({ "status": state }))
 }

@@ -38,6 +38,8 @@ struct Inner {
     scenes: Vec<([u8; 32], Arc<Scene>)>,
     hits: u64,
     misses: u64,
+    /// How often a model was forgotten: what was read before that is not kept after it.
+    forgotten: u64,
 }
 
 /// What the cache holds and how it was used.
@@ -59,13 +61,19 @@ impl Hot {
     /// # Errors
     /// What disk, database or the blob's reader object to.
     pub(super) fn model(&self, service: &Service, id: &str) -> Result<Option<Arc<Model>>, Problem> {
-        if let Some(model) = self.take(id) {
-            return Ok(Some(model));
-        }
+        let forgotten = match self.take(id) {
+            Ok(model) => return Ok(Some(model)),
+            Err(forgotten) => forgotten,
+        };
         let Some(stored) = service.store.model(id)? else { return Ok(None) };
         let path = service.store.folder().model(id).join(pipeline::MODEL);
-        let model = Arc::new(read(&path, stored.bytes)?);
-        self.put(id, &model, stored.bytes);
+        let model = match read(&path, stored.bytes) {
+            Ok(model) => Arc::new(model),
+            // Deleted since the line before.
+            Err(_) if service.store.model(id)?.is_none() => return Ok(None),
+            Err(fault) => return Err(fault),
+        };
+        self.put(id, &model, stored.bytes, forgotten);
         Ok(Some(model))
     }
 
@@ -135,9 +143,10 @@ impl Hot {
         Some(scene)
     }
 
-    /// Forgets a model.
+    /// Forgets a model that is no longer in the store.
     pub(super) fn forget(&self, id: &str) {
         let mut inner = self.lock();
+        inner.forgotten += 1;
         inner.models.retain(|(known, ..)| known != id);
         inner.lights.retain(|((known, _), _)| known != id);
     }
@@ -148,22 +157,27 @@ impl Hot {
         HotFigures { models: inner.models.len(), bytes, hits: inner.hits, misses: inner.misses }
     }
 
-    fn take(&self, id: &str) -> Option<Arc<Model>> {
+    /// A model that is here; else how often one was forgotten until now.
+    fn take(&self, id: &str) -> Result<Arc<Model>, u64> {
         let mut inner = self.lock();
         let Some(at) = inner.models.iter().position(|(known, ..)| known == id) else {
             inner.misses += 1;
-            return None;
+            return Err(inner.forgotten);
         };
         inner.hits += 1;
         let entry = inner.models.remove(at);
         let model = Arc::clone(&entry.1);
         inner.models.push(entry);
-        Some(model)
+        Ok(model)
     }
 
-    /// The one that is put in stays, however large, since it is in use anyway.
-    fn put(&self, id: &str, model: &Arc<Model>, bytes: u64) {
+    /// The one that is put in stays, however large, since it is in use anyway; unless one was
+    /// forgotten since the store was asked for it, for that may have been this one.
+    fn put(&self, id: &str, model: &Arc<Model>, bytes: u64, forgotten: u64) {
         let mut inner = self.lock();
+        if inner.forgotten != forgotten {
+            return;
+        }
         inner.models.retain(|(known, ..)| known != id);
         inner.models.push((id.to_owned(), Arc::clone(model), bytes));
         let mut held: u64 = inner.models.iter().map(|(.., bytes)| bytes).sum();
@@ -201,11 +215,11 @@ mod tests {
     fn the_cache_is_bounded() {
         let hot = Hot::new(100);
         for id in ["a", "b"] {
-            hot.put(id, &model(), 40);
+            hot.put(id, &model(), 40, 0);
         }
-        assert!(hot.take("a").is_some());
-        hot.put("c", &model(), 40);
-        assert!(hot.take("b").is_none() && hot.take("a").is_some() && hot.take("c").is_some());
+        assert!(hot.take("a").is_ok());
+        hot.put("c", &model(), 40, 0);
+        assert!(hot.take("b").is_err() && hot.take("a").is_ok() && hot.take("c").is_ok());
         let make = || {
             let colours = vec![vec![1.0; model().header().coefficients()]];
             Light::new(&model(), colours).map_err(|error| Problem::internal(&error))
@@ -230,5 +244,19 @@ mod tests {
         hot.forget("a");
         let figures = hot.figures();
         assert_eq!((figures.models, figures.bytes, figures.hits, figures.misses), (1, 40, 3, 1));
+    }
+    /// A model that was read before it was deleted is not kept afterwards, whichever comes first here;
+    /// what is read later is.
+    #[test]
+    fn a_deleted_model_does_not_come_back() {
+        let hot = Hot::new(100);
+        let before = hot.take("a").expect_err("empty");
+        hot.forget("a");
+        hot.put("a", &model(), 40, before);
+        let after = hot.take("a").expect_err("it came back");
+        hot.put("a", &model(), 40, after);
+        assert!(hot.take("a").is_ok());
+        hot.forget("a");
+        assert!(hot.take("a").is_err());
     }
 }

@@ -1,6 +1,7 @@
 //! `/v1/jobs`: submit, list, show, cancel, delete.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use axum::body::Body;
 use axum::extract::{Extension, Path, State};
@@ -9,19 +10,20 @@ use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
+use tokio::time::{Instant, timeout_at};
 
-use super::answer::{self, Params, blocking, bytes, text};
-use super::assets::importing;
+use super::answer::{self, Params, blocking, bytes, escaped, text};
+use super::assets::turn;
+use super::faults::of_pipeline;
 use super::guard::Client;
+use super::page::PageQuery;
 use super::prepare::prepare;
 use super::problem::Problem;
-use super::request::{JobRequest, Kind, of_pipeline};
+use super::request::{JobRequest, Kind};
 use super::store::{Cancelled, Deleted, Job, Key, Submitted, hexadecimal};
+use super::words::in_fields;
 use super::{Service, store::State as JobState};
 use crate::pipeline;
-
-/// Entries of a page at most, and where nothing is said.
-const MOST_LISTED: u32 = 100;
 
 /// Bytes of an `Idempotency-Key`.
 const MOST_KEY_BYTES: usize = 255;
@@ -42,20 +44,6 @@ pub(super) struct ListQuery {
     page_token: Option<i64>,
 }
 
-impl ListQuery {
-    /// Where the page starts and how long it is.
-    pub(super) fn page(&self) -> Result<(i64, u32), Problem> {
-        let count = self.page_size.unwrap_or(MOST_LISTED);
-        if !(1..=MOST_LISTED).contains(&count) {
-            let fault = format!("a page has 1 to {MOST_LISTED} entries");
-            return Err(
-                Problem::field("page_size", fault).limit("page_size", u64::from(MOST_LISTED))
-            );
-        }
-        Ok((self.page_token.unwrap_or(i64::MAX), count))
-    }
-}
-
 pub(super) async fn submit(
     State(service): State<Arc<Service>>,
     Params(query): Params<SubmitQuery>,
@@ -64,42 +52,59 @@ pub(super) async fn submit(
     body: Body,
 ) -> Result<Response, Problem> {
     // Held from the first byte on: who sends slowly holds nobody's key but its own.
-    let key = key(&headers, client.name)?.filter(|_| !query.dry_run);
+    let key = key(&headers, &client.name)?.filter(|_| !query.dry_run);
     let held = key.as_ref().map(|key| hold(&service, key)).transpose()?;
-    let body = bytes(&headers, body, service.settings.limits.body_bytes).await?;
+    let limits = service.settings.limits;
+    // The time is for the client and for its turn. What is imported then is bounded by its size, and
+    // is not given up: a job that is accepted is what its client is told.
+    let until = Instant::now() + Duration::from_secs(u64::from(limits.request_s));
+    let late = |_| Problem::late(limits.request_s);
+    let body = bytes(&headers, body, limits.body_bytes);
+    let body = timeout_at(until, body).await.map_err(late)??;
     let request = JobRequest::read(&body)?;
     let body_sha256 = hexadecimal(&Sha256::digest(&body));
     let key = key.map(|(owner, key)| Key { owner, key, body_sha256 });
-    if let Some(key) = key.clone() {
-        let worker = Arc::clone(&service);
-        let seen = blocking(move || Ok(worker.store.by_key(&key)?)).await?;
-        if let Some(seen) = seen {
-            return accepted(&service, seen);
+    if !query.dry_run
+        && let Some(seen) = seen(&service, key.clone()).await?
+    {
+        return accepted(&service, &client, seen);
+    }
+    let place = timeout_at(until, turn(&service)).await.map_err(late)??;
+    blocking(move || {
+        // Both are held until the end, even where the client's patience ends before.
+        let _held = (held, place);
+        if query.dry_run {
+            return dry_run(&service, &request);
         }
-    }
-    let worker = Arc::clone(&service);
-    if query.dry_run {
-        return importing(&service, move || dry_run(&worker, &request)).await;
-    }
-    importing(&service, move || {
-        // The key too is held until the end, even where the client's patience ends before.
-        let _held = held;
-        let answer = accepted(&worker, prepare(&worker, request, key.as_ref())?);
-        worker.runner.wake();
+        let answer = accepted(&service, &client, prepare(&service, request, key.as_ref())?);
+        service.runner.wake();
         answer
     })
     .await
 }
 
+/// What is known of a submission before its scene is looked at: an earlier one of its key, or that no
+/// more may wait.
+async fn seen(service: &Arc<Service>, key: Option<Key>) -> Result<Option<Submitted>, Problem> {
+    let service = Arc::clone(service);
+    blocking(move || {
+        let seen = key.map(|key| service.store.by_key(&key)).transpose()?.flatten();
+        let waiting = service.store.waiting()?;
+        let full = waiting >= service.settings.limits.queued_jobs;
+        Ok(seen.or(full.then_some(Submitted::Full(waiting))))
+    })
+    .await
+}
+
 /// Whose key and which, if there is one.
-fn key(headers: &HeaderMap, owner: String) -> Result<Option<(String, String)>, Problem> {
+fn key(headers: &HeaderMap, owner: &str) -> Result<Option<(String, String)>, Problem> {
     let Some(key) = headers.get("idempotency-key") else { return Ok(None) };
     let sound = key.to_str().ok().filter(|key| !key.is_empty() && key.len() <= MOST_KEY_BYTES);
     let Some(key) = sound else {
         let fault = format!("a key is 1 to {MOST_KEY_BYTES} printable ASCII characters");
         return Err(Problem::field("Idempotency-Key", fault));
     };
-    Ok(Some((owner, key.to_owned())))
+    Ok(Some((owner.to_owned(), key.to_owned())))
 }
 
 /// A key whose request is being handled; free again when dropped.
@@ -132,12 +137,16 @@ fn dry_run(service: &Service, request: &JobRequest) -> Result<Response, Problem>
     }
     let incoming = service.store.folder().incoming()?;
     request.lay_out(service, incoming.path())?;
-    let job = request.open(incoming.path()).map_err(|error| of_pipeline(&error))?;
+    let job = request.open(incoming.path()).map_err(|error| request.refused(&error))?;
     let plan = pipeline::plan(&job).map_err(|error| of_pipeline(&error))?;
-    Ok(answer::json(StatusCode::OK, &plan.document(&job)))
+    let mut document = plan.document(&job);
+    for notice in document["notices"].as_array_mut().into_iter().flatten() {
+        *notice = json!(in_fields(notice.as_str().unwrap_or_default()));
+    }
+    Ok(answer::json(StatusCode::OK, &document))
 }
 
-fn accepted(service: &Service, submitted: Submitted) -> Result<Response, Problem> {
+fn accepted(service: &Service, client: &Client, submitted: Submitted) -> Result<Response, Problem> {
     let job = match submitted {
         Submitted::New(job) => {
             tracing::info!(job = job.id, cached = job.cached, "accepted");
@@ -153,6 +162,12 @@ fn accepted(service: &Service, submitted: Submitted) -> Result<Response, Problem
             let status = StatusCode::UNPROCESSABLE_ENTITY;
             return Err(Problem::new(status, "unknown-dataset", detail));
         }
+        Submitted::NoAsset(name) => {
+            let pointer = format!("#/assets/{}", escaped(&name));
+            let fault = "its asset was removed just now; upload it again";
+            let status = StatusCode::UNPROCESSABLE_ENTITY;
+            return Err(Problem::new(status, "unknown-asset", fault).at(pointer, fault));
+        }
         Submitted::Full(waiting) => {
             let detail = format!("{waiting} jobs are waiting");
             return Err(Problem::new(StatusCode::TOO_MANY_REQUESTS, "queue-full", detail)
@@ -160,15 +175,15 @@ fn accepted(service: &Service, submitted: Submitted) -> Result<Response, Problem
                 .retry_after(30));
         }
     };
-    let mut response = answer::json(StatusCode::ACCEPTED, &show(service, &job));
+    let mut response = answer::json(StatusCode::ACCEPTED, &show(service, client, &job));
     if let Ok(location) = HeaderValue::from_str(&format!("/v1/jobs/{}", job.id)) {
         response.headers_mut().insert(header::LOCATION, location);
     }
     Ok(response)
 }
 
-/// A job as clients see it.
-pub(super) fn show(service: &Service, job: &Job) -> Value {
+/// A job as a client sees it: whom it tells of its end, only who may submit jobs.
+pub(super) fn show(service: &Service, client: &Client, job: &Job) -> Value {
     let parse = |text: &Option<String>| -> Value {
         text.as_deref().and_then(|text| serde_json::from_str(text).ok()).unwrap_or(Value::Null)
     };
@@ -178,6 +193,10 @@ pub(super) fn show(service: &Service, job: &Job) -> Value {
         let stalled = silent_s >= u64::from(service.settings.limits.stalled_s);
         progress.insert("silent_s".to_owned(), json!(silent_s));
         progress.insert("stalled".to_owned(), json!(stalled));
+    }
+    let mut request = serde_json::from_str::<Value>(&job.request).unwrap_or(Value::Null);
+    if let (Value::Object(request), false) = (&mut request, client.may_write) {
+        request.remove("webhook");
     }
     let mut hashes = json!({ "bake": job.bake, "result": job.key });
     if job.kind == Kind::Run.name() {
@@ -196,7 +215,7 @@ pub(super) fn show(service: &Service, job: &Job) -> Value {
         "finished_ms": job.finished_ms,
         "hashes": hashes,
         "progress": progress,
-        "request": serde_json::from_str::<Value>(&job.request).unwrap_or(Value::Null),
+        "request": request,
     });
     match job.state {
         JobState::Succeeded => value["result"] = parse(&job.result),
@@ -209,8 +228,10 @@ pub(super) fn show(service: &Service, job: &Job) -> Value {
 pub(super) async fn list(
     State(service): State<Arc<Service>>,
     Params(query): Params<ListQuery>,
+    Extension(client): Extension<Client>,
 ) -> Result<Response, Problem> {
-    let (before, count) = query.page()?;
+    let page = PageQuery { page_size: query.page_size, page_token: query.page_token };
+    let (before, count) = page.page()?;
     let state = match query.state.as_deref() {
         None => None,
         Some(name) => Some(JobState::from_name(name).ok_or_else(|| {
@@ -229,7 +250,7 @@ pub(super) async fn list(
     let kind = kind.map(Kind::name);
     let jobs = blocking(move || Ok(worker.store.jobs(before, state, kind, count)?)).await?;
     let next = (jobs.len() == count as usize).then(|| jobs.last().map(|job| job.seq)).flatten();
-    let jobs: Vec<Value> = jobs.iter().map(|job| show(&service, job)).collect();
+    let jobs: Vec<Value> = jobs.iter().map(|job| show(&service, &client, job)).collect();
     Ok(answer::json(StatusCode::OK, &json!({ "jobs": jobs, "next_page_token": next })))
 }
 
@@ -243,21 +264,23 @@ pub(super) async fn find(service: &Arc<Service>, id: String) -> Result<Job, Prob
 pub(super) async fn get(
     State(service): State<Arc<Service>>,
     Path(id): Path<String>,
+    Extension(client): Extension<Client>,
 ) -> Result<Response, Problem> {
     let job = find(&service, id).await?;
-    Ok(answer::json(StatusCode::OK, &show(&service, &job)))
+    Ok(answer::json(StatusCode::OK, &show(&service, &client, &job)))
 }
 
 pub(super) async fn cancel(
     State(service): State<Arc<Service>>,
     Path(id): Path<String>,
+    Extension(client): Extension<Client>,
 ) -> Result<Response, Problem> {
     let worker = Arc::clone(&service);
     match blocking(move || Ok(worker.store.cancel(&id)?)).await? {
         Cancelled::Yes(job) => {
             service.runner.cancel(&job.id);
             tracing::info!(job = job.id, "to be cancelled");
-            Ok(answer::json(StatusCode::ACCEPTED, &show(&service, &job)))
+            Ok(answer::json(StatusCode::ACCEPTED, &show(&service, &client, &job)))
         }
         Cancelled::Ended(state) => {
             let detail = format!("the job has {}; nothing is left to cancel", state.name());

@@ -18,6 +18,7 @@ mod disk;
 mod docs;
 mod evaluate;
 mod events;
+mod faults;
 mod files;
 mod grpc;
 mod guard;
@@ -28,6 +29,7 @@ mod memory;
 mod metrics;
 mod models;
 mod origins;
+mod page;
 mod poses;
 mod prepare;
 mod priority;
@@ -37,12 +39,16 @@ mod recorder;
 mod request;
 mod results;
 mod retention;
+mod room;
 mod router;
 mod runner;
 mod scenes;
 mod stages;
+mod stalled;
 mod store;
+mod values;
 mod webhooks;
+mod words;
 
 use std::collections::BTreeSet;
 use std::net::{SocketAddr, TcpListener};
@@ -59,6 +65,7 @@ pub use webhooks::{Authorities, BadAuthorities, BadSecret, Secret};
 use hot::Hot;
 use metrics::Metrics;
 use rates::Rates;
+use room::Room;
 use runner::Runner;
 
 /// How the service runs.
@@ -104,13 +111,16 @@ pub struct Limits {
     pub connections: u32,
     /// Seconds for the head of a request. Default 10.
     pub head_s: u32,
-    /// Seconds that an upload may pause, and that a client may take nothing. Default 30.
+    /// Seconds that an upload may pause, and that a client may take nothing; ten times that a
+    /// connection of HTTP/2 may ask for nothing. Default 30.
     pub idle_s: u32,
-    /// Seconds for a whole request; uploads, downloads and events have no such limit. Default 60.
+    /// Seconds for a whole request; uploads, downloads and events have no such limit, nor has the
+    /// import of a job's scene. Default 60.
     pub request_s: u32,
     /// Poses of one evaluation. Default 4096.
     pub poses: u32,
-    /// Bytes of one evaluation's values. Default 256 MiB.
+    /// Bytes of one evaluation's values as f32, which are held while the answer is written, part by
+    /// part. Default 256 MiB.
     pub answer_bytes: u64,
     /// Bytes of models that are kept ready to be evaluated. Default 1 GiB.
     pub hot_bytes: u64,
@@ -189,6 +199,8 @@ struct Service {
     keys: Mutex<BTreeSet<(String, String)>>,
     /// Scenes that are imported at once.
     imports: Arc<Semaphore>,
+    /// Bytes of assets that are on their way.
+    room: Arc<Room>,
     /// Turns true once, when the service is to end.
     stopping: watch::Receiver<bool>,
     /// Whether requests need a token.
@@ -261,14 +273,13 @@ pub fn serve(
     Ok(())
 }
 
-/// Whether the service would start with these settings: folder, address and all. Nothing is served,
-/// and a service that runs is not disturbed: its folder and address count as found.
+/// Whether the service would start with these settings: folder, address and all. Nothing is served or
+/// written, and a service that runs is not disturbed: its folder and address count as found.
 ///
 /// # Errors
 /// As [`serve`]; a folder that cannot be written.
 pub fn check(settings: &Settings) -> Result<(), Error> {
-    let store = Store::visit(&settings.folder)?;
-    if !store.has_tokens()? && !settings.address.ip().is_loopback() {
+    if !Store::look(&settings.folder)? && !settings.address.ip().is_loopback() {
         return Err(Error::Open(settings.address));
     }
     let address = settings.address;
@@ -312,6 +323,7 @@ fn run(
         rates: Rates::default(),
         keys: Mutex::default(),
         imports: Arc::new(Semaphore::new(IMPORTS)),
+        room: Arc::default(),
         stopping,
         guarded,
     });

@@ -8,7 +8,7 @@ use axum::response::{IntoResponse, Response};
 use serde_json::{Value, json};
 
 use super::answer::{self, Params, blocking, is_sha256};
-use super::jobs::ListQuery;
+use super::page::PageQuery;
 use super::poses::needs_scene;
 use super::problem::Problem;
 use super::store::StoredModel;
@@ -69,7 +69,7 @@ fn describe(model: &Model) -> Value {
 
 pub(super) async fn list(
     State(service): State<Arc<Service>>,
-    Params(query): Params<ListQuery>,
+    Params(query): Params<PageQuery>,
 ) -> Result<Response, Problem> {
     let (before, count) = query.page()?;
     let models = blocking(move || Ok(service.store.models(before, count)?)).await?;
@@ -143,7 +143,12 @@ pub(super) async fn delete(
     Path(id): Path<String>,
 ) -> Result<Response, Problem> {
     find(&service, &id).await?;
-    service.hot.forget(&id);
-    let gone = blocking(move || Ok(service.store.delete_model(&id)?)).await?;
+    let delete = move || {
+        let gone = service.store.delete_model(&id);
+        // Afterwards: what is read in between is forgotten too.
+        service.hot.forget(&id);
+        Ok(gone?)
+    };
+    let gone = blocking(delete).await?;
     if gone { Ok(StatusCode::NO_CONTENT.into_response()) } else { Err(Problem::not_found("model")) }
 }

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use glam::{Quat, Vec3};
-use serde::Deserialize;
+use serde::{Deserialize, Deserializer};
 
 use super::Service;
-use super::answer::is_sha256;
+use super::answer::{escaped, is_sha256};
 use super::problem::Problem;
 use super::scenes::{self, SceneRequest};
 use crate::model::{self, JointPose, JointTransform, Model};
@@ -35,7 +35,7 @@ pub(super) struct EvaluateRequest {
 }
 
 #[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields, default, expecting = "an object with `joints` or `weights`")]
 #[derive(Default)]
 pub(super) struct PoseRequest {
     pub(super) joints: BTreeMap<String, JointRequest>,
@@ -44,17 +44,45 @@ pub(super) struct PoseRequest {
 
 /// A joint's local transform, as far as it is not at rest.
 #[derive(Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(
+    deny_unknown_fields,
+    default,
+    expecting = "an object with `rotation`, `translation` or `scale`"
+)]
 pub(super) struct JointRequest {
     /// Quaternion x, y, z, w; normalised.
+    #[serde(deserialize_with = "quaternion")]
     pub(super) rotation: Option<[f32; 4]>,
     /// Metres.
+    #[serde(deserialize_with = "vector")]
     pub(super) translation: Option<[f32; 3]>,
+    #[serde(deserialize_with = "vector")]
     pub(super) scale: Option<[f32; 3]>,
 }
 
+/// So many numbers, in words where there are others.
+fn numbers<'de, D: Deserializer<'de>, const N: usize>(
+    deserializer: D,
+    what: &str,
+) -> Result<Option<[f32; N]>, D::Error> {
+    let Some(given) = Option::<Vec<f32>>::deserialize(deserializer)? else { return Ok(None) };
+    let count = given.len();
+    let given = given
+        .try_into()
+        .map_err(|_| serde::de::Error::custom(format!("{what}; here {count} are given")))?;
+    Ok(Some(given))
+}
+
+fn quaternion<'de, D: Deserializer<'de>>(given: D) -> Result<Option<[f32; 4]>, D::Error> {
+    numbers(given, "a rotation is a quaternion of four numbers, x, y, z and w")
+}
+
+fn vector<'de, D: Deserializer<'de>>(given: D) -> Result<Option<[f32; 3]>, D::Error> {
+    numbers(given, "three numbers are expected, for x, y and z")
+}
+
 #[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an object with the clip's `name` and `times_s`")]
 struct ClipRequest {
     /// The files of a scene: name → SHA-256 of an uploaded asset. That which the model was made of
     /// where absent.
@@ -68,7 +96,7 @@ struct ClipRequest {
 
 /// Exactly one of `coefficients` and `asset`.
 #[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an object with `coefficients` or `asset`")]
 pub(super) struct LightRequest {
     /// n² coefficients of incoming radiance in the root frame, for 1 or 3 colours.
     pub(super) coefficients: Option<Vec<Vec<f32>>>,
@@ -294,7 +322,7 @@ pub(super) fn refused(pointer: String, error: &EvaluateError) -> Problem {
             format!("{pointer}/{list}")
         }
         EvaluateError::Model(model::Error::NoRotation { joint }) => {
-            format!("{pointer}/joints/{}/rotation", joint.replace('~', "~0").replace('/', "~1"))
+            format!("{pointer}/joints/{}/rotation", escaped(joint))
         }
         EvaluateError::Clip { .. } => format!("{pointer}/name"),
         EvaluateError::Vertex { .. } => "#/vertices".to_owned(),

@@ -5,8 +5,9 @@ use axum::http::StatusCode;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
+use super::faults::of_pipeline;
 use super::problem::Problem;
-use super::request::{JobRequest, Kind, of_pipeline};
+use super::request::{JobRequest, Kind};
 use super::store::{self, Job, Key, NewJob, Submitted, hexadecimal};
 use super::{Service, disk, memory, webhooks};
 use crate::pipeline::recipe::Recipe;
@@ -20,6 +21,8 @@ struct Named {
     bake: String,
     key: String,
     memory_bytes: u64,
+    /// What it writes.
+    disk_bytes: u64,
 }
 
 /// Checks all that can be checked, and writes the job down.
@@ -41,7 +44,12 @@ pub(super) fn prepare(
         _ => of_dataset(service, &mut request)?,
     };
     check_memory(service, named.memory_bytes)?;
-    let earlier = earlier(service, request.kind, &named.key)?;
+    let earlier = earlier(service, request.kind, &named)?;
+    if earlier.is_none() {
+        // What was begun has that much of its room already.
+        let begun = disk::size(&service.store.folder().work(&named.bake));
+        disk::check(service, named.disk_bytes.saturating_sub(begun))?;
+    }
     let sources = service.store.folder().sources(&id);
     if !request.kind.needs_dataset() {
         store::settle(incoming.path(), &sources)?;
@@ -57,6 +65,7 @@ pub(super) fn prepare(
         key: &named.key,
         memory_bytes: named.memory_bytes,
         needs_dataset: request.kind.needs_dataset(),
+        makes_model: request.kind.makes_model(),
         result: result.as_deref(),
         most_queued: service.settings.limits.queued_jobs,
     };
@@ -75,17 +84,13 @@ fn of_scene(
     folder: &std::path::Path,
 ) -> Result<Named, Problem> {
     request.lay_out(service, folder)?;
-    let job = request.open(folder).map_err(|error| of_pipeline(&error))?;
+    let job = request.open(folder).map_err(|error| request.refused(&error))?;
     let memory_bytes = pipeline::memory_bytes(&job).map_err(|error| of_pipeline(&error))?;
     let measured = request.kind == Kind::Run;
-    let bytes = pipeline::disk_bytes(&job, measured).map_err(|error| of_pipeline(&error))?;
+    let disk_bytes = pipeline::disk_bytes(&job, measured).map_err(|error| of_pipeline(&error))?;
     let Hashes { bake, fit, .. } = job.hashes;
-    // What was begun has its room already, and what is finished is not made again.
-    if !service.store.folder().work(&bake).exists() {
-        disk::check(service, bytes)?;
-    }
     let key = if request.kind == Kind::Run { fit } else { bake.clone() };
-    Ok(Named { bake, key, memory_bytes })
+    Ok(Named { bake, key, memory_bytes, disk_bytes })
 }
 
 /// A job on a data set that is there, with the recipe made whole from it.
@@ -134,7 +139,7 @@ fn of_dataset(service: &Service, request: &mut JobRequest) -> Result<Named, Prob
     request.candidates(layout.points)?;
     let pose_bytes = (layout.points * layout.row() * 4) as u64;
     let key = key_of(request);
-    Ok(Named { bake, key, memory_bytes: FIT_BYTES + 64 * pose_bytes })
+    Ok(Named { bake, key, memory_bytes: FIT_BYTES + 64 * pose_bytes, disk_bytes: 0 })
 }
 
 /// A data set that a job of this service has finished.
@@ -178,10 +183,14 @@ fn check_memory(service: &Service, bytes: u64) -> Result<(), Problem> {
 }
 
 /// The finished job whose result this one would have.
-fn earlier(service: &Service, kind: Kind, key: &str) -> Result<Option<Job>, Problem> {
-    let earlier = service.store.succeeded(kind.name(), key)?;
-    // A model may have been deleted since.
-    let there = !kind.makes_model() || service.store.model(key)?.is_some();
+fn earlier(service: &Service, kind: Kind, named: &Named) -> Result<Option<Job>, Problem> {
+    let earlier = service.store.succeeded(kind.name(), &named.key)?;
+    let there = match kind {
+        // A model may have been deleted since.
+        kind if kind.makes_model() => service.store.model(&named.key)?.is_some(),
+        Kind::Bake => service.store.folder().work(&named.bake).join(pipeline::DATASET).exists(),
+        _ => true,
+    };
     Ok(earlier.filter(|_| there))
 }
 

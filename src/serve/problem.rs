@@ -22,30 +22,30 @@ pub(super) struct Problem {
 
 /// Every kind with its title; the document of the interface lists them.
 pub(super) const KINDS: [(&str, &str); 24] = [
-    ("asset-too-large", "The asset is over a limit"),
-    ("bad-asset", "The file is no scene that can be read"),
-    ("bad-request", "The request makes no sense"),
-    ("body-too-large", "The body is over a limit"),
-    ("conflict", "The state does not allow this"),
-    ("forbidden", "The token does not allow this"),
-    ("hash-mismatch", "The bytes are not those that were named"),
+    ("asset-too-large", "The file is larger than the service takes"),
+    ("bad-asset", "The file cannot be read as what it is named"),
+    ("bad-request", "The request cannot be understood"),
+    ("body-too-large", "The body is larger than the service takes"),
+    ("conflict", "The job's state does not allow this"),
+    ("forbidden", "Who asks may not do this"),
+    ("hash-mismatch", "The bytes do not have the SHA-256 that was named"),
     ("internal", "The service failed"),
     ("invalid-field", "A field has a value that it cannot have"),
-    ("invalid-json", "The body is no JSON document of this kind"),
-    ("invalid-pose", "The model cannot be evaluated so"),
+    ("invalid-json", "The body is not the JSON document that is expected"),
+    ("invalid-pose", "The model cannot be evaluated at this pose"),
     ("job-too-large", "The job needs more memory than there is"),
     ("key-in-use", "The first request with this key is still being handled"),
     ("key-reused", "The key was used with another body"),
     ("not-found", "There is no such thing"),
-    ("not-satisfiable", "The range is not within the file"),
+    ("not-satisfiable", "The range lies beyond the file"),
     ("queue-full", "Too many jobs are waiting"),
-    ("rate-limited", "The token's requests come too often"),
+    ("rate-limited", "Requests come too often"),
     ("storage-full", "There is no room left"),
     ("timeout", "The request took too long"),
-    ("unauthorized", "A token is needed"),
+    ("unauthorized", "A token is needed that is known and has not expired"),
     ("unavailable", "The service cannot work now"),
-    ("unknown-asset", "An asset was not uploaded"),
-    ("unknown-dataset", "A data set is not there"),
+    ("unknown-asset", "An asset is not there; upload it first"),
+    ("unknown-dataset", "A data set is not there; bake it first"),
 ];
 
 /// Every limit that a problem may name; the document of the interface lists them.
@@ -88,6 +88,14 @@ impl Problem {
         tracing::error!(%cause, "a request failed");
         let detail = "the service could not do this; its log says why";
         Self::new(StatusCode::INTERNAL_SERVER_ERROR, "internal", detail)
+    }
+
+    /// 503 of a request that took too long.
+    pub(super) fn late(seconds: u32) -> Self {
+        let detail = format!("there was no answer within {seconds} s");
+        Self::new(StatusCode::SERVICE_UNAVAILABLE, "timeout", detail)
+            .limit("request_s", u64::from(seconds))
+            .retry_after(5)
     }
 
     /// The field that is at fault.

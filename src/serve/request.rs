@@ -7,12 +7,11 @@ use axum::http::StatusCode;
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
-use super::Service;
-use super::answer::{document, is_sha256};
-use super::assets::bad_asset;
+use super::answer::{document, escaped, is_sha256};
 use super::files::link;
 use super::problem::Problem;
 use super::store::create;
+use super::{Service, faults};
 use crate::pipeline::recipe::{Recipe, VERSION};
 use crate::pipeline::{self, CandidateRecipe, Checked, Job, Range};
 
@@ -151,7 +150,7 @@ impl JobRequest {
         let outer = outer(body)?;
         let mut request: Self = document(body)?;
         request.check_parts(&outer)?;
-        Checked::new(&request.recipe).map_err(|error| of_recipe(&error))?;
+        Checked::new(&request.recipe).map_err(|error| faults::of_recipe(&error))?;
         // Filled in when the recipe is resolved; what a client says here has no part in it.
         request.recipe.scene.sha256 = None;
         match request.kind {
@@ -190,25 +189,7 @@ impl JobRequest {
 
     /// Names and digests of the scene's files.
     fn check_assets(&mut self) -> Result<(), Problem> {
-        if self.assets.is_empty() || self.assets.len() > MOST_FILES {
-            let fault = format!("a job has 1 to {MOST_FILES} files");
-            return Err(Problem::field("#/assets", fault));
-        }
-        for (name, sha256) in &self.assets {
-            let pointer = format!("#/assets/{}", name.replace('~', "~0").replace('/', "~1"));
-            let mut above = name.match_indices('/').map(|(at, _)| &name[..at]);
-            if let Some(file) = above.find(|&folder| self.assets.contains_key(folder)) {
-                let fault = format!("`{file}` is a file of this job, so nothing lies in it");
-                return Err(Problem::field(&pointer, fault));
-            }
-            if !is_safe(name) {
-                let fault = "a name is relative, with `/` between parts, and leaves no folder";
-                return Err(Problem::field(pointer, fault));
-            }
-            if !is_sha256(sha256) {
-                return Err(Problem::field(pointer, DIGEST));
-            }
-        }
+        check_files(&self.assets, "#/assets")?;
         let file = &mut self.recipe.scene.file;
         if let (true, Some(only), 1) =
             (file.is_empty(), self.assets.keys().next(), self.assets.len())
@@ -258,7 +239,7 @@ impl JobRequest {
     pub(super) fn lay_out(&self, service: &Service, folder: &Path) -> Result<(), Problem> {
         for (name, sha256) in &self.assets {
             if service.store.asset(sha256)?.is_none() {
-                let pointer = format!("#/assets/{}", name.replace('~', "~0").replace('/', "~1"));
+                let pointer = format!("#/assets/{}", escaped(name));
                 let fault = format!("no asset {sha256} was uploaded");
                 let status = StatusCode::UNPROCESSABLE_ENTITY;
                 return Err(Problem::new(status, "unknown-asset", fault.clone()).at(pointer, fault));
@@ -285,10 +266,48 @@ impl JobRequest {
         Job::open(&self.scene(folder), recipe)
     }
 
+    /// Why a scene of this request does not make a job, at the field that is at fault.
+    pub(super) fn refused(&self, error: &pipeline::Error) -> Problem {
+        match error {
+            pipeline::Error::Pose(error) => {
+                let field = faults::field_of_pose(&self.recipe.poses, error);
+                Problem::field(format!("#/recipe/{field}"), error.to_string())
+            }
+            other => faults::of_pipeline(other),
+        }
+    }
+
     /// The scene's main file.
     fn scene(&self, folder: &Path) -> PathBuf {
         folder.join(&self.recipe.scene.file)
     }
+}
+
+/// Files of a scene by name: not too many, none within another, each named by an asset. `pointer` is
+/// where they stand in the request.
+///
+/// # Errors
+/// The first name at fault.
+pub(super) fn check_files(files: &BTreeMap<String, String>, pointer: &str) -> Result<(), Problem> {
+    if files.is_empty() || files.len() > MOST_FILES {
+        return Err(Problem::field(pointer, format!("there must be 1 to {MOST_FILES} files")));
+    }
+    for (name, sha256) in files {
+        let pointer = format!("{pointer}/{}", escaped(name));
+        let mut above = name.match_indices('/').map(|(at, _)| &name[..at]);
+        if let Some(file) = above.find(|&folder| files.contains_key(folder)) {
+            let fault = format!("`{file}` is a file itself, so nothing lies in it");
+            return Err(Problem::field(&pointer, fault));
+        }
+        if !is_safe(name) {
+            let fault = "a name is relative, with `/` between parts, and leaves no folder";
+            return Err(Problem::field(pointer, fault));
+        }
+        if !is_sha256(sha256) {
+            return Err(Problem::field(pointer, DIGEST));
+        }
+    }
+    Ok(())
 }
 
 /// What a body names, whatever its values.
@@ -341,38 +360,6 @@ pub(super) fn is_safe(name: &str) -> bool {
         !part.is_empty() && part != "." && part != ".." && !part.contains(['\\', '\0', ':'])
     };
     name.len() <= MOST_NAME_BYTES && name.split('/').all(part)
-}
-
-fn of_recipe(error: &pipeline::RecipeError) -> Problem {
-    let pointer = super::answer::pointer(&format!("recipe.{}", error.field));
-    Problem::field(pointer, format!("{}; {}", error.found, error.expected))
-}
-
-/// Why a job cannot start, or has failed.
-pub(super) fn of_pipeline(error: &pipeline::Error) -> Problem {
-    match error {
-        pipeline::Error::Recipe(error) => of_recipe(error),
-        pipeline::Error::Scene { .. } => bad_asset(error),
-        pipeline::Error::Pose(error) => Problem::field("#/recipe/poses", error.to_string()),
-        pipeline::Error::Surroundings(fault) => {
-            Problem::field("#/recipe/bake/surroundings", fault.clone())
-        }
-        full if is_full(full) => {
-            let detail = "the disk of the service is full";
-            Problem::new(StatusCode::INSUFFICIENT_STORAGE, "storage-full", detail)
-        }
-        pipeline::Error::Fit(error) => Problem::field("#/recipe/fit", error.to_string()),
-        // These name files of ours.
-        pipeline::Error::File { .. } | pipeline::Error::Dataset(_) => Problem::internal(error),
-        other => Problem::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid-field", other.to_string()),
-    }
-}
-
-/// Whether a full disk is at the bottom of a fault.
-fn is_full(error: &(dyn std::error::Error + 'static)) -> bool {
-    let cause = error.downcast_ref::<std::io::Error>();
-    cause.is_some_and(|cause| cause.kind() == std::io::ErrorKind::StorageFull)
-        || error.source().is_some_and(is_full)
 }
 
 #[cfg(test)]

@@ -1,12 +1,12 @@
 //! What is kept for how long: jobs that have ended, their data sets, and assets that no job uses.
 //! Models stay until somebody deletes them.
 
-use std::path::Path;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::store::{Deleted, now_ms};
-use super::{Limits, Service, Store, StoreError};
+use super::{Limits, Service, Store, StoreError, disk};
 
 /// Between two looks.
 const LOOK: Duration = Duration::from_secs(60);
@@ -47,14 +47,29 @@ fn look(store: &Store, limits: &Limits) -> Result<(), StoreError> {
             tracing::info!(assets, "removed what no job uses");
         }
     }
-    let Some(most) = limits.keep_bytes else { return Ok(()) };
-    let mut bytes = size(&store.folder().work_root());
-    for job in store.ended_before(i64::MAX)? {
-        if bytes <= most {
+    limits.keep_bytes.map_or(Ok(()), |most| make_room(store, most))
+}
+
+/// Forgets the oldest jobs that have ended, as long as data sets of jobs have more bytes together; a
+/// job that has none would make no room.
+fn make_room(store: &Store, most: u64) -> Result<(), StoreError> {
+    let mut sizes = BTreeMap::new();
+    for bake in store.bakes()? {
+        let bytes = disk::size(&store.folder().work(&bake));
+        sizes.insert(bake, bytes);
+    }
+    for id in store.ended_before(i64::MAX)? {
+        if sizes.values().sum::<u64>() <= most {
             break;
         }
-        forget(store, &job)?;
-        bytes = size(&store.folder().work_root());
+        let Some(job) = store.job(&id)? else { continue };
+        if sizes.get(&job.bake).is_none_or(|&bytes| bytes == 0) {
+            continue;
+        }
+        forget(store, &id)?;
+        if !store.has_dataset(&job.bake)? {
+            sizes.remove(&job.bake);
+        }
     }
     Ok(())
 }
@@ -64,17 +79,6 @@ fn forget(store: &Store, job: &str) -> Result<(), StoreError> {
         tracing::info!(job, "forgotten");
     }
     Ok(())
-}
-
-/// Bytes of the files below a folder; what goes away meanwhile counts as nothing.
-fn size(folder: &Path) -> u64 {
-    let Ok(entries) = std::fs::read_dir(folder) else { return 0 };
-    let entries = entries.filter_map(Result::ok);
-    let bytes = entries.map(|entry| match entry.file_type() {
-        Ok(kind) if kind.is_dir() => size(&entry.path()),
-        _ => entry.metadata().map_or(0, |data| data.len()),
-    });
-    bytes.sum()
 }
 
 #[cfg(test)]
@@ -100,6 +104,7 @@ mod tests {
                 key: &bake,
                 memory_bytes: 0,
                 needs_dataset: false,
+                makes_model: false,
                 result: (id != "a").then_some("{}"),
                 most_queued: 10,
             };
@@ -113,20 +118,16 @@ mod tests {
             look(&store, &limits).expect("looked");
             there()
         };
+        // Of nobody: it goes at the next start, and no job goes for it.
+        std::fs::create_dir_all(work("d")).expect("made");
+        std::fs::write(work("d").join("block"), [0; 1000]).expect("written");
         assert_eq!(keep(300), [true; 3]);
         assert_eq!(keep(250), [true, false, true], "`a` has not ended, `c` is younger");
         assert_eq!(keep(10), [true, false, false]);
         assert!(store.job("a").expect("read").is_some() && store.job("b").expect("read").is_none());
-    }
-
-    /// Files of all depths are counted.
-    #[test]
-    fn a_folder_has_the_size_of_its_files() {
-        let folder = tempfile::tempdir().expect("a temporary folder");
-        std::fs::create_dir_all(folder.path().join("a/b")).expect("made");
-        std::fs::write(folder.path().join("a/b/c"), [0; 10]).expect("written");
-        std::fs::write(folder.path().join("d"), [0; 5]).expect("written");
-        assert_eq!(size(folder.path()), 15);
-        assert_eq!(size(&folder.path().join("none")), 0);
+        drop(store);
+        let store = Store::open(folder.path()).expect("a store");
+        assert!(!store.folder().work(&"d".repeat(64)).exists(), "it is nobody's");
+        assert!(store.folder().work(&"a".repeat(64)).exists());
     }
 }

@@ -10,7 +10,7 @@ use serde_json::json;
 use super::problem::Problem;
 use super::recorder::{Recorder, log};
 use super::stages::{self, Failure};
-use super::store::{Done, Job, Level, State};
+use super::store::{Done, Job, Level, NewModel, State};
 use super::{Service, StoreError, memory, priority};
 
 /// Between two looks for work that nobody announced.
@@ -193,7 +193,11 @@ fn end(
     let (state, text) = match outcome {
         Ok(made) => {
             let text = made.result.to_string();
-            let model = made.model.as_ref().map(|(sha256, bytes)| (sha256.as_str(), *bytes));
+            let model = made.model.as_ref().map(|model| NewModel {
+                sha256: &model.sha256,
+                bytes: model.bytes,
+                folder: model.folder.path(),
+            });
             let end = Done { state: State::Succeeded, result: Some(&text), error: None, model };
             service.store.finish(job, &end)?;
             (State::Succeeded, String::new())

@@ -8,10 +8,10 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::Service;
-use super::answer::is_sha256;
+use super::answer::escaped;
 use super::assets::bad_asset;
 use super::problem::Problem;
-use super::request::{JobRequest, is_safe};
+use super::request::{JobRequest, check_files};
 use crate::pipeline::{self, Scene};
 
 /// An uploaded scene.
@@ -36,6 +36,7 @@ impl SceneRequest {
     }
 
     fn import(&self, service: &Service, pointer: &str) -> Result<Scene, Problem> {
+        check_files(&self.assets, &format!("{pointer}/assets"))?;
         let only = self.assets.keys().next().filter(|_| self.assets.len() == 1);
         let Some(file) = self.file.as_ref().or(only) else {
             return Err(Problem::field(
@@ -45,11 +46,9 @@ impl SceneRequest {
         };
         let incoming = service.store.folder().incoming()?;
         for (name, sha256) in &self.assets {
-            let known =
-                is_safe(name) && is_sha256(sha256) && service.store.asset(sha256)?.is_some();
-            if !known {
-                let fault = format!("`{name}` does not name an uploaded asset");
-                return Err(Problem::field(format!("{pointer}/assets"), fault));
+            if service.store.asset(sha256)?.is_none() {
+                let pointer = format!("{pointer}/assets/{}", escaped(name));
+                return Err(Problem::field(pointer, format!("no asset {sha256} was uploaded")));
             }
             let path = incoming.path().join(name);
             super::store::create(path.parent().unwrap_or(incoming.path()))?;

@@ -1,6 +1,5 @@
 //! What each kind of job does, by way of `pipeline/`, and where its results go.
 
-use std::fs;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -8,17 +7,20 @@ use axum::http::StatusCode;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
+use super::faults::of_pipeline;
 use super::prepare;
 use super::problem::Problem;
 use super::recorder::Recorder;
-use super::request::{JobRequest, Kind, of_pipeline};
-use super::store::{self, Job, Level, hexadecimal};
-use super::{Service, StoreError};
+use super::request::{JobRequest, Kind};
+use super::store::{self, Incoming, Job, Level, hexadecimal};
+use super::words::in_fields;
+use super::{Service, StoreError, disk};
 use crate::model::Model;
 use crate::pipeline::{self, Checked, Watch, files};
 
-/// A job that was started so often without an end brings the service down, and is given up.
-const MOST_ATTEMPTS: i64 = 20;
+/// A job during which the service ended so often, with nothing more of its bake on disk in between,
+/// brings it down, and is given up.
+const MOST_ENDS: i64 = 20;
 
 /// A model's blob at most.
 const MOST_MODEL_BYTES: u64 = 4 << 30;
@@ -54,8 +56,18 @@ impl From<Problem> for Failure {
 pub(super) struct Made {
     /// As clients read it.
     pub(super) result: Value,
-    /// SHA-256 and bytes of the blob in its place.
-    pub(super) model: Option<(String, u64)>,
+    /// The model that is to be put into its place.
+    pub(super) model: Option<MadeModel>,
+}
+
+/// A model that is whole.
+pub(super) struct MadeModel {
+    /// Of the blob.
+    pub(super) sha256: String,
+    /// Of the blob.
+    pub(super) bytes: u64,
+    /// Where its files are.
+    pub(super) folder: Incoming,
 }
 
 /// A job under way.
@@ -77,8 +89,11 @@ pub(super) fn run(
     brake: &AtomicBool,
     recorder: &Recorder<'_>,
 ) -> Result<Made, Failure> {
-    if job.attempts > MOST_ATTEMPTS {
-        let detail = format!("the service ended {MOST_ATTEMPTS} times while it ran this job");
+    let whole = disk::whole(&service.store.folder().work(&job.bake));
+    if service.store.begin(job.seq, whole)? >= MOST_ENDS {
+        let detail = format!(
+            "the service ended {MOST_ENDS} times while it ran this job, which came no further"
+        );
         let status = StatusCode::INTERNAL_SERVER_ERROR;
         return Err(Problem::new(status, "internal", detail).into());
     }
@@ -151,7 +166,7 @@ impl Stage<'_> {
         self.request.lay_out(self.service, &sources)?;
         let prepared = self.request.open(&sources)?;
         for notice in pipeline::notices(&prepared) {
-            self.recorder.log(Level::Warning, &notice);
+            self.recorder.log(Level::Warning, &in_fields(&notice));
         }
         Ok(prepared)
     }
@@ -197,7 +212,7 @@ impl Stage<'_> {
         }
         let fitted = pipeline::fit_watched(&dataset, recipe, &self.watch)?;
         for notice in &fitted.report.notices {
-            self.recorder.log(Level::Warning, notice);
+            self.recorder.log(Level::Warning, &in_fields(notice));
         }
         let precision = Checked::new(recipe).map_err(pipeline::Error::from)?.precision;
         let blob = fitted.model.to_bytes(precision).map_err(pipeline::Error::from)?;
@@ -235,24 +250,17 @@ impl Stage<'_> {
         Ok(Made { result, model: None })
     }
 
-    /// Puts a model with what belongs to it where models are; whole or not at all.
+    /// Writes a model with what belongs to it; it gets to its place when the job ends.
     fn publish(&self, parts: &[(&str, Vec<u8>)], met: Option<bool>) -> Result<Made, Attempt> {
         let Self { service, job, .. } = self;
         let blob = &parts[0].1;
         let incoming = service.store.folder().incoming()?;
         write(incoming.path(), parts)?;
-        let place = service.store.folder().model(&job.key);
-        if service.store.model(&job.key)?.is_none() {
-            // Of a process that ended before the store knew of it.
-            store::remove(&place)?;
-        }
-        if !fs::exists(&place).unwrap_or(false) {
-            store::settle(incoming.path(), &place)?;
-        }
         let id = &job.key;
         let result = json!({ "model": id, "href": format!("/v1/models/{id}"), "target_met": met });
-        let model = Some((hexadecimal(&Sha256::digest(blob)), blob.len() as u64));
-        Ok(Made { result, model })
+        let sha256 = hexadecimal(&Sha256::digest(blob));
+        let model = MadeModel { sha256, bytes: blob.len() as u64, folder: incoming };
+        Ok(Made { result, model: Some(model) })
     }
 
     /// Puts files where results of jobs are; where each can be had.

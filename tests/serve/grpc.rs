@@ -84,6 +84,29 @@ pub(crate) fn streams(server: &Server, model: &str) {
         patience(&channel, id).await;
         neighbours(&channel).await;
     });
+    vanish(server, id);
+}
+
+/// Clients that vanish in the middle of their streams leave no connection behind.
+fn vanish(server: &Server, id: &str) {
+    runtime().block_on(async {
+        let mut streams = Vec::new();
+        for _ in 0..50 {
+            let mut client = EvaluationClient::new(channel(server).await);
+            let sent = Arc::new(AtomicUsize::new(0));
+            let mut frames = client.evaluate(endless(id, &sent)).await.expect("begun").into_inner();
+            frames.next().await.expect("a frame").expect("sound");
+            streams.push((client, frames));
+        }
+        assert!(super::hostile::open_connections(server) > 50);
+        // They, and the tasks that would speak for them, end with the runtime and say nothing more.
+        std::mem::forget(streams);
+    });
+    let start = std::time::Instant::now();
+    while super::hostile::open_connections(server) > 1 {
+        assert!(start.elapsed() < Duration::from_secs(60), "connections stay");
+        std::thread::sleep(Duration::from_millis(100));
+    }
 }
 
 /// Times of a clip give the values that HTTP gives at them, without a scene being named; a clip that

@@ -211,6 +211,12 @@ fn a_full_disk_is_told() {
     let refused = server.post("/v1/jobs", &job(&server, &small()), &[]);
     assert_eq!(refused.status, 507, "a job without room is taken: {}", refused.text());
     assert_eq!(refused.json()["limit"]["name"], "disk_bytes", "{}", refused.text());
+    // What was begun needs the rest of its room all the same.
+    let plan = server.post("/v1/jobs?dry_run=true", &job(&server, &small()), &[]).json();
+    let bake = plan["hashes"]["bake"].as_str().expect("a hash");
+    fs::create_dir(server.data().join("work").join(bake)).expect("made");
+    let refused = server.post("/v1/jobs", &job(&server, &small()), &[]);
+    assert_eq!(refused.status, 507, "a job without room is taken: {}", refused.text());
     let small = vec![1; 10_000];
     let path = format!("/v1/assets/{}", sha256(&small));
     assert_eq!(server.put(&path, &small, &[]).status, 201, "half an upload takes the room");
@@ -230,6 +236,7 @@ fn a_disk_that_fills_is_told() {
     assert_eq!(accepted.status, 202, "{}", accepted.text());
     let place = accepted.header("location").expect("a place");
     server.wait(&place, |job| job["progress"]["stage"] == "bake");
+    assert_eq!(server.get("/ready", &[]).status, 200);
     let path = server.data().join("ballast");
     let mut ballast = fs::File::create(&path).expect("made");
     let block = vec![1; 1 << 20];
@@ -242,7 +249,10 @@ fn a_disk_that_fills_is_told() {
         std::thread::sleep(Duration::from_millis(100));
     }
     assert_eq!(server.get("/health", &[]).status, 200);
+    let ready = server.get("/ready", &[]);
+    assert_eq!(ready.status, 503, "no job can be taken: {}", ready.text());
     fs::remove_file(&path).expect("removed");
+    assert_eq!(server.get("/ready", &[]).status, 200);
     let failed = server.wait(&place, |job| job["state"] != "running");
     assert_eq!(failed["error"]["type"], "/problems/storage-full", "{failed}");
     super::kinds::finish(&server, &job(&server, &small()));

@@ -70,7 +70,8 @@ fn a_second_signal_ends_it_at_once() {
 /// limit; every answer has the headers that keep browsers from making more of it.
 #[test]
 fn limits_are_named() {
-    let server = Server::start(&["--max-queued", "1", "--memory-mib", "4096"]);
+    let server =
+        Server::start(&["--max-queued", "1", "--memory-mib", "4096", "--max-asset-mib", "1"]);
     let mut recipe = small();
     recipe["bake"]["rays"] = json!(50_000);
     let submit = |seed: u64| {
@@ -86,6 +87,11 @@ fn limits_are_named() {
     assert_eq!(full.json()["type"], "/problems/queue-full");
     assert_eq!(full.json()["limit"], json!({ "name": "queued_jobs", "most": 1 }));
     assert!(full.header("retry-after").is_some());
+    // Before its scene is looked at, which takes far longer.
+    let mut missing = job(&server, &recipe);
+    missing["assets"]["figure.glb"] = json!("0".repeat(64));
+    assert_eq!(server.post("/v1/jobs", &missing, &[]).status, 429);
+    assert_eq!(server.post("/v1/jobs?dry_run=true", &missing, &[]).status, 422);
     for place in [second, first] {
         assert_eq!(server.post(&format!("{place}/cancel"), &json!({}), &[]).status, 202);
     }
@@ -103,13 +109,101 @@ fn limits_are_named() {
         assert!(policy.starts_with("default-src 'none'"), "{path}: {policy}");
     }
     // A body whose length nobody tells is counted as it comes.
+    let told = in_chunks(&server, "POST /v1/jobs", 16);
+    assert!(told.starts_with("HTTP/1.1 413") && told.contains("\"body_bytes\""), "{told}");
+    let told = in_chunks(&server, &format!("PUT /v1/assets/{}", sha256(b"")), 1);
+    assert!(told.starts_with("HTTP/1.1 413") && told.contains("\"asset_bytes\""), "{told}");
+}
+
+/// Sends so many mebibytes and one byte in chunks, without their end; the answer.
+fn in_chunks(server: &Server, request: &str, mebibytes: usize) -> String {
     let mut stream = server.connect();
-    let head = "POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\
-                Transfer-Encoding: chunked\r\n\r\n";
+    let head = format!(
+        "{request} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\
+         Transfer-Encoding: chunked\r\n\r\n"
+    );
     stream.write_all(head.as_bytes()).expect("sent");
     let chunk = [b"100000\r\n".as_slice(), &vec![b' '; 1 << 20], b"\r\n"].concat();
-    while stream.write_all(&chunk).is_ok() {}
-    assert!(rest(stream).is_empty() || server.get("/health", &[]).status == 200);
+    (0..mebibytes).for_each(|_| stream.write_all(&chunk).expect("sent"));
+    stream.write_all(b"1\r\n \r\n").expect("sent");
+    rest(stream)
+}
+
+/// All assets together are bounded however they come: with a length, or in chunks without one.
+#[test]
+fn assets_have_no_more_room_than_they_have() {
+    let server = Server::spawn_within(&["--max-assets-gib", "0"], "");
+    let told = server.put(&format!("/v1/assets/{}", sha256(b"a")), b"a", &[]);
+    assert_eq!(told.status, 507, "{}", told.text());
+    assert_eq!(told.json()["limit"]["name"], "assets_bytes");
+    let mut stream = server.connect();
+    let head = format!("PUT /v1/assets/{} HTTP/1.1\r\nHost: localhost\r\n", sha256(b"a"));
+    let rest_of_it = "Connection: close\r\nTransfer-Encoding: chunked\r\n\r\n1\r\na\r\n";
+    stream.write_all((head + rest_of_it).as_bytes()).expect("sent");
+    let told = rest(stream);
+    assert!(told.starts_with("HTTP/1.1 507") && told.contains("assets_bytes"), "{told}");
+}
+
+/// A flat sheet of so many squares a side, whose import takes its time.
+fn sheet(side: usize) -> Vec<u8> {
+    let mut text = String::new();
+    for row in 0..=side {
+        for column in 0..=side {
+            text += &format!("v {column} {} {row}\n", (row * column) % 7);
+        }
+    }
+    for row in 0..side {
+        for column in 0..side {
+            let first = row * (side + 1) + column + 1;
+            let next = first + side + 1;
+            text +=
+                &format!("f {first} {} {}\nf {} {next} {}\n", first + 1, next, first + 1, next + 1);
+        }
+    }
+    text.into_bytes()
+}
+
+/// The time of a request is not that of its scene's import: who has a turn is told of the job that there
+/// is, and who waits for one in vain has submitted nothing.
+#[test]
+fn a_refusal_is_no_job() {
+    let server = Server::start(&["--request-timeout", "1"]);
+    let limit = Duration::from_secs(1);
+    // Sheets grow until a scene takes longer than a request may, however fast the machine is.
+    let submit = |side: usize| {
+        let bytes = sheet(side);
+        let digest = sha256(&bytes);
+        let path = format!("/v1/assets/{digest}?name=sheet.obj");
+        assert_eq!(server.put(&path, &bytes, &[]).status, 201);
+        let recipe = json!({ "version": 1, "bake": { "signal": "ao", "rays": 2 } });
+        let slow = json!({ "kind": "bake", "assets": { "sheet.obj": digest }, "recipe": recipe });
+        let start = Instant::now();
+        let accepted = server.post("/v1/jobs", &slow, &[]);
+        let took = start.elapsed();
+        assert_eq!(accepted.status, 202, "after {took:?}: {}", accepted.text());
+        let place = accepted.header("location").expect("a place");
+        assert_eq!(server.post(&format!("{place}/cancel"), &json!({}), &[]).status, 202);
+        (took > limit).then_some(slow)
+    };
+    let slow = [450, 900, 1800].into_iter().find_map(submit).expect("a scene that takes so long");
+    let count = || server.get("/v1/jobs", &[]).json()["jobs"].as_array().map(Vec::len);
+    let before = count();
+    std::thread::scope(|scope| {
+        let plan = || server.post("/v1/jobs?dry_run=true", &slow, &[]).status;
+        let plans = [scope.spawn(plan), scope.spawn(plan)];
+        std::thread::sleep(Duration::from_millis(200));
+        let start = Instant::now();
+        let late = server.post("/v1/jobs", &job(&server, &small()), &[]);
+        // Where both plans were quick after all it was its turn in time.
+        if late.status != 202 {
+            assert_eq!(late.status, 503, "{}", late.text());
+            assert!(start.elapsed() >= limit, "it does not wait for its turn");
+            assert_eq!(late.json()["limit"]["name"], "request_s");
+            assert!(late.header("retry-after").is_some());
+            assert_eq!(count(), before, "a refused job is there");
+        }
+        assert_eq!(plans.map(|plan| plan.join().expect("a plan")), [200, 200]);
+    });
 }
 
 /// Too many requests of one client are put off with a time; a page is let in where its origin is
@@ -138,7 +232,16 @@ fn operators_have_their_say() {
         docs = server.get("/docs", &[]);
     }
     assert!(docs.text().contains("<h2>Paths</h2>"), "{}", docs.text());
-    server.command(&["serve", "--check", "--data", "elsewhere", "--config", config]);
+    server.command(&["serve", "--check", "--data", "elsewhere/data", "--config", config]);
+    assert!(!server.path("elsewhere").exists(), "a check makes folders");
+    let listed = Command::new(env!("CARGO_BIN_EXE_poselight"))
+        .args(["token", "list", "--data", "nowhere"])
+        .current_dir(server.path(""))
+        .output()
+        .expect("started");
+    let message = String::from_utf8_lossy(&listed.stderr).into_owned();
+    assert!(!listed.status.success() && message.contains("no service in nowhere"), "{message}");
+    assert!(!server.path("nowhere").exists(), "a look makes folders");
     let wrong = folder.path().join("wrong.json");
     fs::write(&wrong, r#"{"job": 2}"#).expect("written");
     let output = Command::new(env!("CARGO_BIN_EXE_poselight"))

@@ -48,6 +48,21 @@ fn an_archive_becomes_a_scene() {
     assert_eq!(kept.json()["files"], names);
     let again = put(&bytes);
     assert_eq!((again.status, &again.json()["files"]), (200, &names), "{}", again.text());
+    let document_alone = |bytes: &[u8]| {
+        server.put(&format!("/v1/assets/{}?name=hero.gltf", sha256(bytes)), bytes, &[])
+    };
+    let alone = document_alone(&document);
+    assert_eq!((alone.status, &alone.json()["kind"]), (201, &json!("gltf")), "{}", alone.text());
+    assert_eq!(document_alone(&document).status, 200, "it is there");
+    let text = String::from_utf8(document.clone()).expect("text");
+    for broken in [
+        "{",
+        "{\"asset\":{\"version\":\"1.0\"}}",
+        &text.replace("\"bufferView\":", "\"bufferView\":9"),
+    ] {
+        let answer = document_alone(broken.as_bytes());
+        assert_eq!(answer.json()["type"], "/problems/bad-asset", "{broken}: {}", answer.text());
+    }
     let mut request = job(&server, &small());
     let plan = |request: &Value| {
         let answer = server.post("/v1/jobs?dry_run=true", request, &[]);
@@ -140,7 +155,15 @@ fn cloth_is_evaluated_by_its_vertices() {
     let named = json!({ "positions": [sheet(0.0)], "scene": scene });
     let named = server.post(&model, &named, &[]);
     assert_eq!((named.status, &named.json()["values"]), (200, &plain["values"]), "its own scene");
-    refused(json!({ "poses": [{}], "scene": { "assets": { "a.npz": "x" } } }), "#/scene/assets");
+    let named =
+        |assets: Value| json!({ "poses": [{}], "scene": { "file": "a", "assets": assets } });
+    refused(named(json!({ "a": "x" })), "#/scene/assets/a");
+    refused(named(json!({ "a": "0".repeat(64) })), "#/scene/assets/a");
+    refused(named(json!({ "a": digest, "a/b.npz": digest })), "#/scene/assets/a~1b.npz");
+    refused(named(json!({})), "#/scene/assets");
+    let many: serde_json::Map<String, Value> =
+        (0..300).map(|index| (format!("{index}"), json!(digest))).collect();
+    refused(named(Value::Object(many)), "#/scene/assets");
     let placed = json!({ "poses": [{}], "scene": scene, "vertices": [4, 0] });
     assert_eq!(server.post(&model, &placed, &[]).json()["values"], rest["values"]);
 }

@@ -7,6 +7,7 @@ use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -113,6 +114,52 @@ fn webhooks_are_told() {
     assert_eq!(check(&messages[0], "cancelled"), check(&messages[1], "cancelled"));
     let log = log(&server, &place);
     assert!(log.contains("the answer was 500; again in 5 s"), "{log}");
+}
+
+/// One receiver that takes a message and says nothing does not hold up another.
+#[test]
+fn a_silent_receiver_delays_nobody() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let server = Server::start(&["--webhook-secret", &secret(folder.path()), "--webhook-private"]);
+    let silent = TcpListener::bind("127.0.0.1:0").expect("bound");
+    let deaf = format!("http://{}/hook", silent.local_addr().expect("an address"));
+    let start = Instant::now();
+    (0..9).for_each(|_| drop(ended(&server, &deaf)));
+    let held = silent.accept().expect("accepted");
+    let (url, taken) = receiver();
+    ended(&server, &url);
+    assert_eq!(taken.join().expect("a receiver").len(), 2);
+    // A silent one is given up after twenty seconds, and the second message comes five after the first.
+    assert!(start.elapsed() < Duration::from_secs(20), "it waited for the silent one");
+    drop(held);
+}
+
+/// Whom a job tells is shown to who may submit jobs, and not to who may only look.
+#[test]
+fn readers_do_not_see_webhooks() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let secret = secret(folder.path());
+    let mut server = Server::start(&["--webhook-secret", &secret, "--webhook-private"]);
+    let token = |name: &str, scopes: &[&str]| {
+        let words = ["token", "--data", "data", "create", name];
+        let output = server.command(&[&words[..], scopes].concat());
+        format!("Bearer {}", String::from_utf8(output.stdout).expect("text").trim())
+    };
+    let (reader, both) = (token("viewer", &["--scope", "read"]), token("maya", &[]));
+    server.terminate();
+    server.restart();
+    let mut request = job(&server, &small());
+    request["webhook"] = json!({ "url": "http://127.0.0.1:9/hook?key=hidden" });
+    let own = [("Authorization", both.as_str())];
+    let accepted = server.post("/v1/jobs", &request, &own);
+    assert!(accepted.text().contains("hidden"), "{}", accepted.text());
+    let place = accepted.header("location").expect("a place");
+    for path in [place.as_str(), "/v1/jobs"] {
+        let seen = server.get(path, &[("Authorization", &reader)]);
+        assert_eq!(seen.status, 200, "{}", seen.text());
+        assert!(!seen.text().contains("hidden"), "{path}: {}", seen.text());
+        assert!(server.get(path, &own).text().contains("hidden"), "{path}");
+    }
 }
 
 /// A name that leads to a private address is found out when it is looked up, and nothing is sent.

@@ -74,7 +74,10 @@ fn read_authorities(path: &Path) -> anyhow::Result<Authorities> {
 }
 
 pub(in crate::cli) fn token(args: &TokenArgs) -> anyhow::Result<Answer> {
-    let store = Store::visit(&args.data)?;
+    let store = match &args.command {
+        TokenCommand::Create { .. } => Store::visit(&args.data)?,
+        TokenCommand::List | TokenCommand::Revoke { .. } => Store::visit_known(&args.data)?,
+    };
     match &args.command {
         TokenCommand::Create { name, scope, days } => {
             ensure!(

@@ -57,6 +57,17 @@ pub(super) fn external(
     Ok(names)
 }
 
+/// Finds the faults of a document that lie in the document itself; whether it needs no other file.
+pub(super) fn check(
+    document: &Document,
+    budget: &mut Budget,
+    notices: &mut Notices,
+) -> Result<bool, Error> {
+    extension::check(&document.root, notices)?;
+    reference::check(&document.root)?;
+    Ok(buffer::external(&document.root, budget)?.is_empty())
+}
+
 /// Builds what the chosen scene of the document shows.
 pub(super) fn build(
     document: &Document,

@@ -18,12 +18,13 @@ use crate::model::Model;
 use crate::pipeline::{Light, Query, Scene};
 use crate::serve::Service;
 use crate::serve::answer::{blocking, is_sha256};
-use crate::serve::evaluate::{Asked, Values, little_endian};
+use crate::serve::evaluate::Asked;
 use crate::serve::poses::{
     JointRequest, LightRequest, PoseRequest, check_time, needs_scene, of_positions, refused,
 };
 use crate::serve::problem::Problem;
 use crate::serve::scenes::{self, SceneRequest};
+use crate::serve::values::{Values, little_endian};
 
 /// The service behind the interface.
 pub(super) struct Evaluator(Arc<Service>);

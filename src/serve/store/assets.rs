@@ -1,8 +1,10 @@
 //! Uploaded files, named by their bytes.
 
+use std::path::Path;
+
 use rusqlite::{OptionalExtension, params};
 
-use super::{Error, Store, now_ms, remove};
+use super::{Error, Store, now_ms, settle};
 
 /// One uploaded file.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -45,37 +47,41 @@ impl Store {
         Ok(sum.unsigned_abs())
     }
 
-    /// Removes assets that came before a time and that no job names; how many.
-    ///
-    /// # Errors
-    /// What database or disk object to.
-    pub(in crate::serve) fn delete_unused_assets(&self, before_ms: i64) -> Result<usize, Error> {
-        let unused: Vec<String> = self.write(|tx| {
-            let sql = "DELETE FROM assets WHERE created_ms < ?1 AND NOT EXISTS
-                (SELECT 1 FROM jobs WHERE instr(request, assets.sha256) > 0) RETURNING sha256";
-            let mut statement = tx.prepare(sql)?;
-            let rows = statement.query_map([before_ms], |row| row.get(0))?;
-            Ok(rows.collect::<Result<_, _>>()?)
-        })?;
-        for sha256 in &unused {
-            remove(&self.folder.asset(sha256))?;
-        }
-        Ok(unused.len())
-    }
-
-    /// Records an asset whose file is in place. The same bytes may come twice at once.
+    /// Takes note that somebody has asked for an asset and so counts on it for a while.
     ///
     /// # Errors
     /// What the database objects to.
+    pub(in crate::serve) fn renew_asset(&self, sha256: &str) -> Result<(), Error> {
+        let now = now_ms();
+        let sql = "UPDATE assets SET asked_ms = ?2 WHERE sha256 = ?1";
+        // Once an hour is enough for what is kept for days, and costs the others less.
+        let known = "SELECT MAX(created_ms, asked_ms) > ?2 - 3600000 FROM assets WHERE sha256 = ?1";
+        let recent: Option<bool> =
+            self.lock().query_row(known, params![sha256, now], |row| row.get(0)).optional()?;
+        match recent {
+            Some(false) => self.write(|tx| Ok(tx.execute(sql, params![sha256, now]).map(drop)?)),
+            _ => Ok(()),
+        }
+    }
+
+    /// Puts a whole file into its place as an asset and records it, so that nobody who removes one of
+    /// that name comes between. The same bytes may come twice at once.
+    ///
+    /// # Errors
+    /// What the database or the disk objects to.
     pub(in crate::serve) fn add_asset(
         &self,
         sha256: &str,
         bytes: u64,
         kind: &str,
+        from: &Path,
     ) -> Result<(), Error> {
-        let sql = "INSERT INTO assets VALUES (?1, ?2, ?3, ?4)
+        let sql = "INSERT INTO assets (sha256, bytes, kind, created_ms) VALUES (?1, ?2, ?3, ?4)
             ON CONFLICT (sha256) DO UPDATE SET kind = MAX(kind, excluded.kind)";
         let bytes = i64::try_from(bytes).unwrap_or(i64::MAX);
-        self.write(|tx| Ok(tx.execute(sql, params![sha256, bytes, kind, now_ms()]).map(drop)?))
+        self.write(|tx| {
+            tx.execute(sql, params![sha256, bytes, kind, now_ms()])?;
+            settle(from, &self.folder.asset(sha256))
+        })
     }
 }

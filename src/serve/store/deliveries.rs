@@ -1,5 +1,7 @@
 //! Messages that wait to be delivered to those who asked to be told of a job's end.
 
+use std::collections::BTreeSet;
+
 use rusqlite::{OptionalExtension, Row, Transaction, params};
 use serde_json::json;
 
@@ -22,6 +24,8 @@ pub(in crate::serve) struct Delivery {
     pub(in crate::serve) body: String,
     /// How often it was tried.
     pub(in crate::serve) attempts: u32,
+    /// Who takes it.
+    pub(in crate::serve) host: String,
 }
 
 fn delivery(row: &Row<'_>) -> rusqlite::Result<Delivery> {
@@ -32,6 +36,7 @@ fn delivery(row: &Row<'_>) -> rusqlite::Result<Delivery> {
         url: row.get(3)?,
         body: row.get(4)?,
         attempts: row.get(5)?,
+        host: row.get(6)?,
     })
 }
 
@@ -48,24 +53,32 @@ pub(super) fn add(tx: &Transaction<'_>, job: i64, state: State) -> Result<(), Er
         "timestamp_ms": now_ms(),
         "data": data,
     });
-    let sql = "INSERT INTO deliveries (id, job, url, body, attempts, due_ms)
-        VALUES (?1, ?2, ?3, ?4, 0, 0)";
+    let sql = "INSERT INTO deliveries (id, job, url, body, attempts, due_ms, host)
+        VALUES (?1, ?2, ?3, ?4, 0, 0, ?5)";
     let message = format!("msg_{}", random_id()?);
-    tx.execute(sql, params![message, job, url, body.to_string()])?;
+    tx.execute(sql, params![message, job, url, body.to_string(), host(&url)])?;
     Ok(())
 }
 
+/// Who takes the messages that go to an address: one that is silent holds up its own only.
+fn host(url: &str) -> String {
+    let rest = url.split_once("://").map_or(url, |(_, rest)| rest);
+    rest.split(['/', '?', '#']).next().unwrap_or_default().to_lowercase()
+}
+
 impl Store {
-    /// The next message whose time has come.
+    /// The next message whose time has come and whose receiver is none of these.
     ///
     /// # Errors
     /// What the database objects to.
-    pub(in crate::serve) fn due(&self) -> Result<Option<Delivery>, Error> {
+    pub(in crate::serve) fn due(&self, busy: &BTreeSet<String>) -> Result<Option<Delivery>, Error> {
         let now = now_ms();
-        let sql = "SELECT seq, id, job, url, body, attempts FROM deliveries
-            WHERE due_ms <= ?1 OR due_ms > ?2 ORDER BY due_ms, seq LIMIT 1";
+        let sql = "SELECT seq, id, job, url, body, attempts, host FROM deliveries
+            WHERE (due_ms <= ?1 OR due_ms > ?2)
+            AND host NOT IN (SELECT value FROM json_each(?3)) ORDER BY due_ms, seq LIMIT 1";
         let far = now.saturating_add(FURTHEST_MS);
-        Ok(self.lock().query_row(sql, [now, far], delivery).optional()?)
+        let busy = json!(busy).to_string();
+        Ok(self.lock().query_row(sql, params![now, far, busy], delivery).optional()?)
     }
 
     /// Takes a message off the list, delivered or given up.

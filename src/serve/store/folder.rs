@@ -4,7 +4,9 @@ use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
 
-use super::{Error, random_id};
+use rustix::fs::Access;
+
+use super::{DATABASE, Error, random_id};
 
 /// The service's folder.
 #[derive(Debug, Clone)]
@@ -35,17 +37,28 @@ impl Folder {
         }
     }
 
-    /// Removes what a process that was killed left half done.
-    pub(super) fn sweep(&self, jobs: &BTreeSet<String>) -> Result<(), Error> {
+    /// Removes what a process that was killed left half done, and data sets that are no job's.
+    pub(super) fn sweep(
+        &self,
+        jobs: &BTreeSet<String>,
+        bakes: &BTreeSet<String>,
+    ) -> Result<(), Error> {
         for entry in list(&self.root.join("incoming"))? {
             remove(&entry)?;
         }
-        for entry in ["jobs", "results"].map(|part| list(&self.root.join(part))) {
-            for entry in entry? {
-                let name = entry.file_name().unwrap_or_default().to_string_lossy().into_owned();
-                if !jobs.contains(&name) {
-                    remove(&entry)?;
-                }
+        self.keep("jobs", jobs)?;
+        self.keep("results", jobs)?;
+        // A database without jobs may have taken the place of one that will be mended and put back:
+        // what took hours is not thrown away for that.
+        if bakes.is_empty() { Ok(()) } else { self.keep("work", bakes) }
+    }
+
+    /// Removes all but these of a part.
+    fn keep(&self, part: &str, names: &BTreeSet<String>) -> Result<(), Error> {
+        for entry in list(&self.root.join(part))? {
+            let name = entry.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            if !names.contains(&name) {
+                remove(&entry)?;
             }
         }
         Ok(())
@@ -57,7 +70,7 @@ impl Folder {
     }
 
     pub(super) fn database(&self) -> PathBuf {
-        self.root.join("poselight.db")
+        self.root.join(DATABASE)
     }
 
     /// An asset's file; `sha256` has been checked to be hexadecimal digits.
@@ -78,11 +91,6 @@ impl Folder {
     /// Where jobs of one bake work; a later job of the same bake finds its data set there.
     pub(in crate::serve) fn work(&self, bake: &str) -> PathBuf {
         self.root.join("work").join(bake)
-    }
-
-    /// Where all data sets are.
-    pub(in crate::serve) fn work_root(&self) -> PathBuf {
-        self.root.join("work")
     }
 
     /// A finished model with its report and figures.
@@ -119,6 +127,23 @@ impl Drop for Incoming {
         // What cannot be removed now goes at the next start.
         let _ = fs::remove_dir_all(&self.path);
     }
+}
+
+/// Whether a folder can be written, or made where there is none; nothing is.
+///
+/// # Errors
+/// [`Error::Io`].
+pub(super) fn check_writable(path: &Path) -> Result<(), Error> {
+    let absolute = std::path::absolute(path);
+    let absolute = absolute.unwrap_or_else(|_| path.to_path_buf());
+    let there = absolute.ancestors().find(|folder| folder.exists()).unwrap_or(Path::new("/"));
+    let may = match there.is_dir() {
+        true => rustix::fs::access(there, Access::WRITE_OK | Access::EXEC_OK),
+        false => Err(rustix::io::Errno::NOTDIR),
+    };
+    let action = if there == absolute { "write to" } else { "create" };
+    let io = |source| Error::Io { action, path: path.to_path_buf(), source };
+    may.map_err(|error| io(error.into()))
 }
 
 /// Moves a whole file or folder to its name, and makes sure that the name stays.

@@ -1,6 +1,8 @@
 //! A job and its states: queued → running → succeeded or failed, and by way of cancelling or at
 //! once → cancelled. A job that was running when the process ended is queued again.
 
+use std::path::Path;
+
 /// Where a job is in its life.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::serve) enum State {
@@ -88,6 +90,8 @@ pub(in crate::serve) struct NewJob<'a> {
     pub(in crate::serve) memory_bytes: u64,
     /// Whether it works on a data set that another job has baked: one that is still there.
     pub(in crate::serve) needs_dataset: bool,
+    /// Whether its result is a model, of the id `key`.
+    pub(in crate::serve) makes_model: bool,
     /// The result's JSON, where it is there already.
     pub(in crate::serve) result: Option<&'a str>,
     /// Jobs that may wait.
@@ -115,6 +119,8 @@ pub(in crate::serve) enum Submitted {
     Full(u32),
     /// No job has its data set any more.
     NoDataset,
+    /// The asset of this file of it is not there any more.
+    NoAsset(String),
 }
 
 /// What became of a request to cancel.
@@ -143,6 +149,17 @@ pub(in crate::serve) struct Done<'a> {
     pub(in crate::serve) result: Option<&'a str>,
     /// JSON.
     pub(in crate::serve) error: Option<&'a str>,
-    /// SHA-256 and bytes of the blob that it made.
-    pub(in crate::serve) model: Option<(&'a str, u64)>,
+    /// What it made.
+    pub(in crate::serve) model: Option<NewModel<'a>>,
+}
+
+/// A model that is whole but not yet in its place.
+#[derive(Debug)]
+pub(in crate::serve) struct NewModel<'a> {
+    /// Of the blob.
+    pub(in crate::serve) sha256: &'a str,
+    /// Of the blob.
+    pub(in crate::serve) bytes: u64,
+    /// Where its files are.
+    pub(in crate::serve) folder: &'a Path,
 }

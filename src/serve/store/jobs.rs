@@ -1,15 +1,13 @@
 //! The table of jobs, and every change of a job's state.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
-use std::path::Path;
 
 use rusqlite::{OptionalExtension, Row, Transaction, params};
 use serde_json::json;
 
-use super::folder::remove;
-use super::job::{Cancelled, Deleted, Done, Job, Key, NewJob, State, Submitted};
-use super::{Error, Store, deliveries, events, now_ms};
+use super::job::{Cancelled, Done, Job, State};
+use super::submit::has_dataset;
+use super::{Error, Store, deliveries, events, models, now_ms};
 
 const COLUMNS: &str = "seq, id, state, priority, request, bake, fit, cached, attempts, created_ms,
     started_ms, finished_ms, progress, result, error, kind, memory_bytes";
@@ -38,13 +36,13 @@ fn job(row: &Row<'_>) -> rusqlite::Result<Job> {
     })
 }
 
-fn get(tx: &rusqlite::Connection, id: &str) -> Result<Option<Job>, Error> {
+pub(super) fn get(tx: &rusqlite::Connection, id: &str) -> Result<Option<Job>, Error> {
     let sql = format!("SELECT {COLUMNS} FROM jobs WHERE id = ?1");
     Ok(tx.query_row(&sql, [id], job).optional()?)
 }
 
 /// Moves a job to a state, with the event that says so.
-fn enter(tx: &Transaction<'_>, seq: i64, state: State) -> Result<(), Error> {
+pub(super) fn enter(tx: &Transaction<'_>, seq: i64, state: State) -> Result<(), Error> {
     let finished = state.is_final().then(now_ms);
     let sql = "UPDATE jobs SET state = ?2, finished_ms = ?3 WHERE seq = ?1";
     tx.execute(sql, params![seq, state.name(), finished])?;
@@ -86,8 +84,20 @@ impl Store {
     }
 
     pub(super) fn job_ids(&self) -> Result<BTreeSet<String>, Error> {
+        self.names("SELECT id FROM jobs")
+    }
+
+    /// The bakes that jobs are of: what else is among the data sets is nobody's.
+    ///
+    /// # Errors
+    /// What the database objects to.
+    pub(in crate::serve) fn bakes(&self) -> Result<BTreeSet<String>, Error> {
+        self.names("SELECT DISTINCT bake FROM jobs")
+    }
+
+    fn names(&self, sql: &str) -> Result<BTreeSet<String>, Error> {
         let connection = self.lock();
-        let mut statement = connection.prepare("SELECT id FROM jobs")?;
+        let mut statement = connection.prepare_cached(sql)?;
         let rows = statement.query_map([], |row| row.get(0))?;
         Ok(rows.collect::<Result<_, _>>()?)
     }
@@ -170,46 +180,6 @@ impl Store {
         Ok(self.lock().query_row(sql, [], |row| row.get(0))?)
     }
 
-    /// What an earlier request with this key came to.
-    ///
-    /// # Errors
-    /// What the database objects to.
-    pub(in crate::serve) fn by_key(&self, key: &Key) -> Result<Option<Submitted>, Error> {
-        by_key(&self.lock(), key)
-    }
-
-    /// Accepts a job; it is on disk when this returns.
-    ///
-    /// # Errors
-    /// What the database objects to.
-    pub(in crate::serve) fn submit(
-        &self,
-        new: &NewJob<'_>,
-        key: Option<&Key>,
-    ) -> Result<Submitted, Error> {
-        self.write(|tx| {
-            if let Some(seen) = key.map(|key| by_key(tx, key)).transpose()?.flatten() {
-                return Ok(seen);
-            }
-            let sql = "SELECT COUNT(*) FROM jobs WHERE state = 'queued'";
-            let waiting: u32 = tx.query_row(sql, [], |row| row.get(0))?;
-            if new.result.is_none() && waiting >= new.most_queued {
-                return Ok(Submitted::Full(waiting));
-            }
-            if new.needs_dataset && !has_dataset(tx, new.bake)? {
-                return Ok(Submitted::NoDataset);
-            }
-            insert(tx, new)?;
-            let id = new.id;
-            if let Some(Key { owner, key, body_sha256 }) = key {
-                let sql = "INSERT INTO keys VALUES (?1, ?2, ?3, ?4, ?5)";
-                tx.execute(sql, params![owner, key, body_sha256, id, now_ms()])?;
-            }
-            let job = get(tx, id)?.ok_or(rusqlite::Error::QueryReturnedNoRows)?;
-            Ok(Submitted::New(Box::new(job)))
-        })
-    }
-
     /// The next job to run that takes at most so much memory, now marked as running. Two jobs of one
     /// bake never run at once, for they write to one data set.
     ///
@@ -247,17 +217,15 @@ impl Store {
         })
     }
 
-    /// Ends a job, and makes its model known in the same transaction.
+    /// Ends a job. Its model is put into its place and made known in the same transaction, so that
+    /// nobody who deletes one of that name comes between.
     ///
     /// # Errors
     /// What the database objects to.
     pub(in crate::serve) fn finish(&self, job: &Job, done: &Done<'_>) -> Result<(), Error> {
         self.write(|tx| {
-            if let Some((sha256, bytes)) = done.model {
-                let sql = "INSERT INTO models (id, sha256, bytes, job, created_ms)
-                    VALUES (?1, ?2, ?3, ?4, ?5) ON CONFLICT (id) DO NOTHING";
-                let bytes = i64::try_from(bytes).unwrap_or(i64::MAX);
-                tx.execute(sql, params![job.key, sha256, bytes, job.id, now_ms()])?;
+            if let Some(model) = &done.model {
+                models::add(tx, &self.folder, job, model)?;
             }
             let sql = "UPDATE jobs SET result = ?2, error = ?3 WHERE seq = ?1";
             tx.execute(sql, params![job.seq, done.result, done.error])?;
@@ -288,48 +256,22 @@ impl Store {
         Ok(outcome)
     }
 
-    /// Forgets a job that has ended, with its scene, and with its data set where no other job has
-    /// the same. Its model stays.
+    /// Takes note, as an attempt at a job begins, of how many whole files its bake has come to; how
+    /// often the service has ended while it ran the job since there were last more of them.
     ///
     /// # Errors
-    /// What the database or the disk objects to.
-    pub(in crate::serve) fn delete_job(&self, id: &str) -> Result<Deleted, Error> {
-        let aside = self.folder.incoming()?;
-        let held = aside.path().join("work");
-        let mut moved = None;
-        let outcome = self.write(|tx| {
-            let Some(job) = get(tx, id)? else { return Ok(Deleted::Unknown) };
-            if !job.state.is_final() {
-                return Ok(Deleted::Active(job.state));
-            }
-            tx.execute("DELETE FROM events WHERE job = ?1", [job.seq])?;
-            tx.execute("DELETE FROM logs WHERE job = ?1", [job.seq])?;
-            tx.execute("DELETE FROM keys WHERE job = ?1", [id])?;
-            tx.execute("DELETE FROM jobs WHERE seq = ?1", [job.seq])?;
-            if !has_dataset(tx, &job.bake)? {
-                // Now, while nobody can submit a job that would count on it; deleting takes longer.
-                let work = self.folder.work(&job.bake);
-                moved = set_aside(&work, &held)?.then_some(work);
-            }
-            Ok(Deleted::Yes)
-        });
-        if outcome.is_err()
-            && let Some(work) = &moved
-        {
-            // The job is still there, and so is its data set.
-            let _ = fs::rename(&held, work);
-        }
-        let outcome = outcome?;
-        if matches!(outcome, Deleted::Yes) {
-            remove(&self.folder.sources(id))?;
-            remove(&self.folder.results(id))?;
-        }
-        Ok(outcome)
+    /// What the database objects to.
+    pub(in crate::serve) fn begin(&self, seq: i64, whole: u64) -> Result<i64, Error> {
+        let sql = "UPDATE jobs SET ends = CASE WHEN ?2 > whole THEN 0 ELSE ends END, whole = ?2
+            WHERE seq = ?1 RETURNING ends";
+        let whole = i64::try_from(whole).unwrap_or(i64::MAX);
+        self.write(|tx| Ok(tx.query_row(sql, params![seq, whole], |row| row.get(0))?))
     }
 
     /// After a start: what was running waits again, what was to be cancelled is.
     pub(super) fn recover(&self) -> Result<(), Error> {
         self.write(|tx| {
+            tx.execute("UPDATE jobs SET ends = ends + 1 WHERE state = 'running'", [])?;
             for (from, to) in
                 [(State::Running, State::Queued), (State::Cancelling, State::Cancelled)]
             {
@@ -342,47 +284,4 @@ impl Store {
             Ok(())
         })
     }
-}
-
-/// Moves a folder away; whether it was there.
-fn set_aside(from: &Path, to: &Path) -> Result<bool, Error> {
-    match fs::rename(from, to) {
-        Ok(()) => Ok(true),
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(false),
-        Err(source) => Err(Error::Io { action: "move", path: from.to_path_buf(), source }),
-    }
-}
-
-fn has_dataset(tx: &rusqlite::Connection, bake: &str) -> Result<bool, Error> {
-    let sql = "SELECT EXISTS (SELECT 1 FROM jobs WHERE bake = ?1)";
-    Ok(tx.query_row(sql, [bake], |row| row.get(0))?)
-}
-
-/// Writes a job down as queued, or as done at once; its number.
-fn insert(tx: &Transaction<'_>, new: &NewJob<'_>) -> Result<i64, Error> {
-    let sql = "INSERT INTO jobs (id, state, priority, request, bake, fit, cached, result,
-        created_ms, kind, memory_bytes) VALUES (?1, 'queued', ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)";
-    let NewJob { id, kind, priority, request, bake, key, result, .. } = *new;
-    let cached = result.is_some();
-    let memory = i64::try_from(new.memory_bytes).unwrap_or(i64::MAX);
-    let row = params![id, priority, request, bake, key, cached, result, now_ms(), kind, memory];
-    tx.execute(sql, row)?;
-    let seq = tx.last_insert_rowid();
-    enter(tx, seq, State::Queued)?;
-    if cached {
-        enter(tx, seq, State::Succeeded)?;
-    }
-    Ok(seq)
-}
-
-fn by_key(tx: &rusqlite::Connection, key: &Key) -> Result<Option<Submitted>, Error> {
-    let sql = "SELECT body_sha256, job FROM keys WHERE owner = ?1 AND key = ?2";
-    let found: Option<(String, String)> = tx
-        .query_row(sql, [&key.owner, &key.key], |row| Ok((row.get(0)?, row.get(1)?)))
-        .optional()?;
-    let Some((body, id)) = found else { return Ok(None) };
-    if body != key.body_sha256 {
-        return Ok(Some(Submitted::OtherBody));
-    }
-    Ok(get(tx, &id)?.map(|job| Submitted::Same(Box::new(job))))
 }

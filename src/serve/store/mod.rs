@@ -5,6 +5,7 @@
 //! one that has lost the folder.
 
 mod assets;
+mod delete;
 mod deliveries;
 mod events;
 mod folder;
@@ -12,6 +13,7 @@ mod job;
 mod jobs;
 mod logs;
 mod models;
+mod submit;
 mod tokens;
 
 use std::fs::File;
@@ -19,24 +21,43 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use rusqlite::{Connection, OptionalExtension, Transaction, TransactionBehavior};
+use rusqlite::{Connection, OpenFlags, OptionalExtension, Transaction, TransactionBehavior};
 
 pub(super) use assets::Asset;
 pub(super) use deliveries::Delivery;
 pub(super) use events::{Bells, Event};
-pub(super) use folder::{Folder, create, list, remove, settle};
-pub(super) use job::{Cancelled, Deleted, Done, Job, Key, NewJob, State, Submitted};
+pub(super) use folder::{Folder, Incoming, create, list, remove, settle};
+pub(super) use job::{Cancelled, Deleted, Done, Job, Key, NewJob, NewModel, State, Submitted};
 pub(super) use logs::{Level, Line};
 pub(super) use models::StoredModel;
 pub(super) use tokens::hash_of;
 pub use tokens::{NewToken, Token};
+
+/// The database's file.
+const DATABASE: &str = "poselight.db";
 
 /// The version of the tables.
 const SCHEMA: i64 = MIGRATIONS.len() as i64;
 
 /// What leads from each version of the tables to the next. Times are milliseconds since 1970 and
 /// only shown; order is by `seq`.
-const MIGRATIONS: [&str; 2] = [TABLES, KINDS];
+const MIGRATIONS: [&str; 3] = [TABLES, KINDS, USES];
+
+/// How often the service has ended while it ran a job since its bake had last come further, and how
+/// many whole files that was; which asset is whose; when an asset was last asked for; where a
+/// message goes.
+const USES: &str = "
+ALTER TABLE jobs ADD COLUMN ends INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE jobs ADD COLUMN whole INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE assets ADD COLUMN asked_ms INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE deliveries ADD COLUMN host TEXT NOT NULL DEFAULT '';
+CREATE TABLE uses (
+    asset TEXT NOT NULL, job INTEGER NOT NULL, PRIMARY KEY (asset, job)
+) WITHOUT ROWID;
+CREATE INDEX uses_by_job ON uses (job);
+INSERT OR IGNORE INTO uses SELECT file.value, jobs.seq
+    FROM jobs, json_each(jobs.request, '$.assets') AS file;
+";
 
 /// Jobs of several kinds: the column `fit` names the result of each. Logs of jobs, and messages to
 /// those who wait for their end.
@@ -109,6 +130,9 @@ pub enum Error {
     /// Another process serves this folder.
     #[error("{folder} is served by another process; stop it, or name another folder", folder = .0.display())]
     Taken(PathBuf),
+    /// No service was ever in a folder.
+    #[error("there is no service in {folder}; name the folder that `serve` has as --data", folder = .0.display())]
+    NoService(PathBuf),
     /// Another process has taken the folder over.
     #[error("another process has taken over this folder; this one stops writing to it")]
     Fenced,
@@ -180,17 +204,50 @@ impl Store {
         let epoch = store.lock().query_row(sql, [], |row| row.get(0))?;
         store.epoch = Some(epoch);
         store._lease = Some(lease);
-        store.folder.sweep(&store.job_ids()?)?;
+        store.folder.sweep(&store.job_ids()?, &store.bakes()?)?;
         store.recover()?;
         Ok(store)
     }
 
-    /// Looks into a folder beside the process that serves it, to manage tokens.
+    /// Looks into a folder beside the process that serves it, to manage tokens; makes it where there is
+    /// none.
     ///
     /// # Errors
     /// What disk and database object to.
     pub fn visit(path: &Path) -> Result<Self, Error> {
         Self::connect(Folder::create(path)?)
+    }
+
+    /// As [`Self::visit`], of a folder that is there.
+    ///
+    /// # Errors
+    /// [`Error::NoService`]; what disk and database object to.
+    pub fn visit_known(path: &Path) -> Result<Self, Error> {
+        if path.join(DATABASE).exists() {
+            return Self::visit(path);
+        }
+        Err(Error::NoService(path.to_path_buf()))
+    }
+
+    /// Whether a service would begin in a folder, and has tokens there; nothing is written.
+    ///
+    /// # Errors
+    /// What disk and database object to.
+    pub fn look(path: &Path) -> Result<bool, Error> {
+        folder::check_writable(path)?;
+        let database = path.join(DATABASE);
+        if !database.exists() {
+            return Ok(false);
+        }
+        let connection = Connection::open_with_flags(database, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
+        connection.busy_timeout(Duration::from_secs(10))?;
+        check(&connection)?;
+        let found: i64 = connection.pragma_query_value(None, "user_version", |row| row.get(0))?;
+        if found > SCHEMA {
+            return Err(Error::Newer { found });
+        }
+        // The first tables have the tokens; before them there were none.
+        if found == 0 { Ok(false) } else { tokens::any(&connection) }
     }
 
     fn connect(folder: Folder) -> Result<Self, Error> {

@@ -1,9 +1,10 @@
 //! Finished models.
 
-use rusqlite::{OptionalExtension, Row, params};
+use rusqlite::{Connection, OptionalExtension, Row, Transaction, params};
 
-use super::folder::remove;
-use super::{Error, Store};
+use super::folder::{Folder, remove, settle};
+use super::job::{Job, NewModel};
+use super::{Error, Store, now_ms};
 
 /// A finished model.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -60,16 +61,30 @@ impl Store {
         let rows = statement.query_map(params![before, count], model)?;
         Ok(rows.collect::<Result<_, _>>()?)
     }
+}
 
-    /// Forgets a model and removes its files; whether there was one.
-    ///
-    /// # Errors
-    /// What the database or the disk objects to.
-    pub(in crate::serve) fn delete_model(&self, id: &str) -> Result<bool, Error> {
-        let gone = self.write(|tx| Ok(tx.execute("DELETE FROM models WHERE id = ?1", [id])?))? > 0;
-        if gone {
-            remove(&self.folder.model(id))?;
-        }
-        Ok(gone)
+pub(super) fn has_model(tx: &Connection, id: &str) -> Result<bool, Error> {
+    let sql = "SELECT EXISTS (SELECT 1 FROM models WHERE id = ?1)";
+    Ok(tx.query_row(sql, [id], |row| row.get(0))?)
+}
+
+/// Makes a job's model known and moves it to its place, unless the same is there already. Again, after
+/// a transaction that failed, it does what is left to do.
+pub(super) fn add(
+    tx: &Transaction<'_>,
+    folder: &Folder,
+    job: &Job,
+    model: &NewModel<'_>,
+) -> Result<(), Error> {
+    let sql = "INSERT INTO models (id, sha256, bytes, job, created_ms)
+        VALUES (?1, ?2, ?3, ?4, ?5) ON CONFLICT (id) DO NOTHING";
+    let bytes = i64::try_from(model.bytes).unwrap_or(i64::MAX);
+    let new = tx.execute(sql, params![job.key, model.sha256, bytes, job.id, now_ms()])? > 0;
+    if new && model.folder.is_dir() {
+        let place = folder.model(&job.key);
+        // Of a process that ended before it had deleted it.
+        remove(&place)?;
+        settle(model.folder, &place)?;
     }
+    Ok(())
 }

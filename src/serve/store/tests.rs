@@ -1,5 +1,7 @@
 //! The store's promises without a network: states, keys, queue, fence and recovery.
 
+use std::collections::BTreeSet;
+
 use super::*;
 
 fn new<'a>(id: &'a str, bake: &'a str) -> NewJob<'a> {
@@ -12,6 +14,7 @@ fn new<'a>(id: &'a str, bake: &'a str) -> NewJob<'a> {
         key: "f",
         memory_bytes: 10,
         needs_dataset: false,
+        makes_model: false,
         result: None,
         most_queued: 3,
     }
@@ -181,13 +184,18 @@ fn old_tables_are_carried_over() {
     let path = folder.path().join("poselight.db");
     let old = Connection::open(&path).unwrap();
     old.execute_batch(TABLES).unwrap();
-    let sql = "INSERT INTO jobs (id, state, priority, request, bake, fit, cached, created_ms)
-        VALUES ('a', 'succeeded', 0, '{}', 'x', 'f', 0, 1)";
+    let sql = r#"INSERT INTO jobs (id, state, priority, request, bake, fit, cached, created_ms)
+        VALUES ('a', 'succeeded', 0, '{"assets":{"n":"h","o":"h"}}', 'x', 'f', 0, 1)"#;
     old.execute(sql, []).unwrap();
     old.pragma_update(None, "user_version", 1).unwrap();
     drop(old);
     let store = Store::open(folder.path()).unwrap();
     assert_eq!(store.job("a").unwrap().unwrap().kind, "run");
+    let uses: i64 = store
+        .lock()
+        .query_row("SELECT COUNT(*) FROM uses WHERE asset = 'h'", [], |row| row.get(0))
+        .unwrap();
+    assert_eq!(uses, 1);
     store.lock().pragma_update(None, "user_version", SCHEMA + 1).unwrap();
     drop(store);
     assert!(matches!(Store::open(folder.path()), Err(Error::Newer { found }) if found > SCHEMA));
@@ -201,7 +209,7 @@ fn a_full_database_refuses_and_keeps() {
     accepted(&store, &new("a", "x"));
     let pages: i64 = store.lock().pragma_query_value(None, "page_count", |row| row.get(0)).unwrap();
     store.lock().pragma_update(None, "max_page_count", pages).unwrap();
-    let large = "x".repeat(1 << 16);
+    let large = format!("\"{}\"", "x".repeat(1 << 16));
     let error = store.submit(&NewJob { request: &large, ..new("b", "y") }, None).unwrap_err();
     let problem = crate::serve::problem::Problem::from(error);
     assert_eq!(problem.json()["type"], "/problems/storage-full");
@@ -218,18 +226,18 @@ fn messages_wait_their_time() {
     accepted(&store, &new("silent", "x"));
     accepted(&store, &NewJob { request: r#"{"webhook":{"url":"http://a/"}}"#, ..new("a", "y") });
     store.cancel("silent").unwrap();
-    assert_eq!(store.due().unwrap(), None);
+    assert_eq!(store.due(&BTreeSet::new()).unwrap(), None);
     store.cancel("a").unwrap();
-    let due = store.due().unwrap().expect("a message");
+    let due = store.due(&BTreeSet::new()).unwrap().expect("a message");
     assert_eq!((due.url.as_str(), due.attempts), ("http://a/", 0));
     assert!(due.body.contains(r#""type":"job.cancelled""#), "{}", due.body);
     store.put_off(due.seq, 60_000).unwrap();
-    assert_eq!(store.due().unwrap(), None);
+    assert_eq!(store.due(&BTreeSet::new()).unwrap(), None);
     store.lock().execute("UPDATE deliveries SET due_ms = due_ms + 1000000000000", []).unwrap();
-    let again = store.due().unwrap().expect("the clock went back");
+    let again = store.due(&BTreeSet::new()).unwrap().expect("the clock went back");
     assert_eq!((again.id, again.attempts), (due.id, 1));
     store.settled(due.seq).unwrap();
-    assert_eq!(store.due().unwrap(), None);
+    assert_eq!(store.due(&BTreeSet::new()).unwrap(), None);
 }
 
 /// Order is by number, never by the clock: jobs and events of a future that has not come yet do not
@@ -268,28 +276,198 @@ fn a_damaged_database_is_told() {
     assert!(!Error::Newer { found: 9 }.is_of_the_disk());
 }
 
+/// Puts a file of one byte in its place as an asset.
+fn add(store: &Store, name: &str) {
+    let incoming = store.folder().incoming().unwrap();
+    let file = incoming.path().join("file");
+    std::fs::write(&file, b"x").unwrap();
+    store.add_asset(name, 1, "file", &file).unwrap();
+    assert!(store.folder().asset(name).is_file());
+}
+
 /// Assets that no job names go when they are old enough; one that is named stays, and so does one
-/// that is new.
+/// that is new or was asked for lately.
 #[test]
 fn unused_assets_are_removed() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(folder.path()).unwrap();
-    let names = ["a", "b", "c"].map(|name| name.repeat(64));
+    let names = ["a", "b", "c", "d"].map(|name| name.repeat(64));
     for name in &names {
-        let path = store.folder().asset(name);
-        create(path.parent().unwrap()).unwrap();
-        std::fs::write(path, b"x").unwrap();
-        store.add_asset(name, 1, "file").unwrap();
+        add(&store, name);
     }
     let sql = "UPDATE assets SET created_ms = 5 WHERE sha256 != ?1";
     store.lock().execute(sql, [&names[2]]).unwrap();
     let request = format!(r#"{{"assets":{{"x":"{}"}}}}"#, names[1]);
     accepted(&store, &NewJob { request: &request, ..new("j", "x") });
+    store.renew_asset(&names[3]).unwrap();
     assert_eq!(store.delete_unused_assets(6).unwrap(), 1);
     let there = |name: &String| {
         store.asset(name).unwrap().is_some() && store.folder().asset(name).is_file()
     };
-    assert_eq!(names.each_ref().map(there), [false, true, true]);
+    assert_eq!(names.each_ref().map(there), [false, true, true, true]);
+    assert_eq!(store.asset(&names[3]).unwrap().unwrap().created_ms, 5, "it came when it came");
+    let gone = format!(r#"{{"assets":{{"x/y":"{}"}}}}"#, names[0]);
+    let refused = store.submit(&NewJob { request: &gone, ..new("k", "x") }, None).unwrap();
+    assert!(matches!(&refused, Submitted::NoAsset(name) if name == "x/y"), "{refused:?}");
+    store.cancel("j").unwrap();
+    assert!(matches!(store.delete_job("j").unwrap(), Deleted::Yes));
+    assert_eq!(store.delete_unused_assets(6).unwrap(), 1, "with its job goes its use");
+}
+
+/// More unused assets than one transaction looks at all go, and those between them that are used stay.
+#[test]
+fn unused_assets_go_in_batches() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    let sql = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 2500)
+        INSERT INTO assets SELECT printf('%064x', i), 1, 'file', 5, 0 FROM n";
+    store.lock().execute(sql, []).unwrap();
+    let used = "INSERT INTO uses SELECT sha256, 1 FROM assets WHERE sha256 LIKE '%0'";
+    let used = store.lock().execute(used, []).unwrap();
+    assert_eq!(store.delete_unused_assets(6).unwrap(), 2500 - used);
+    assert_eq!(store.asset_bytes().unwrap(), used as u64);
+}
+
+/// The service's ends count until the bake has more whole files than when they last did; those of a
+/// job that was put back do not count.
+#[test]
+fn ends_count_while_nothing_comes_of_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut store = Store::open(folder.path()).unwrap();
+    let job = accepted(&store, &new("a", "x"));
+    for blocks in 0..30 {
+        store.claim(10).unwrap().unwrap();
+        let ends = store.begin(job.seq, blocks).unwrap();
+        assert_eq!(ends, 0, "it came further, whatever ended the service");
+        drop(store);
+        store = Store::open(folder.path()).unwrap();
+    }
+    for ends in 1..5 {
+        store.claim(10).unwrap().unwrap();
+        assert_eq!(store.begin(job.seq, 29).unwrap(), ends);
+        drop(store);
+        store = Store::open(folder.path()).unwrap();
+    }
+    store.claim(10).unwrap().unwrap();
+    store.put_back(job.seq).unwrap();
+    store.claim(10).unwrap().unwrap();
+    assert_eq!(
+        store.begin(job.seq, 3).unwrap(),
+        5,
+        "its data set is begun anew, but it is not more"
+    );
+    assert_eq!(store.begin(job.seq, 4).unwrap(), 0);
+    assert_eq!(store.job("a").unwrap().unwrap().attempts, 35);
+}
+
+/// A model and its files come and go together, whoever makes it anew while it is deleted; what
+/// remembers a deleted one is done again.
+#[test]
+fn models_have_their_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    let finish = |id: &str, text: &str| {
+        let job = accepted(&store, &NewJob { key: "m", makes_model: true, ..new(id, id) });
+        let incoming = store.folder().incoming().unwrap();
+        std::fs::write(incoming.path().join("model"), text).unwrap();
+        let model = NewModel { sha256: "s", bytes: 1, folder: incoming.path() };
+        let done =
+            Done { state: State::Succeeded, result: Some("{}"), error: None, model: Some(model) };
+        store.finish(&job, &done).unwrap();
+        // Again, as after a transaction that failed when the files were in their place already.
+        store.finish(&job, &done).unwrap();
+    };
+    let read = || std::fs::read_to_string(store.folder().model("m").join("model")).ok();
+    finish("a", "first");
+    finish("b", "second");
+    assert_eq!(read().as_deref(), Some("first"), "what is there stays");
+    assert!(store.delete_model("m").unwrap() && !store.delete_model("m").unwrap());
+    assert_eq!((read(), store.model("m").unwrap()), (None, None));
+    // Of a process that ended between the row and the files.
+    create(&store.folder().model("m")).unwrap();
+    std::fs::write(store.folder().model("m").join("model"), "left").unwrap();
+    let cached = NewJob { key: "m", makes_model: true, result: Some("{}"), ..new("c", "c") };
+    let again = accepted(&store, &cached);
+    assert_eq!((again.state, again.cached), (State::Queued, false), "there is no such model");
+    finish("d", "third");
+    assert_eq!(read().as_deref(), Some("third"));
+    let known = accepted(&store, &NewJob { id: "e", ..cached });
+    assert_eq!((known.state, known.cached), (State::Succeeded, true));
+    let left = std::fs::read_dir(folder.path().join("incoming")).unwrap().count();
+    assert_eq!(left, 0, "what was set aside is deleted");
+}
+
+/// Models are made and deleted at once by many: at the end there is a row with its files, or neither.
+#[test]
+fn a_model_is_never_without_its_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    store.lock().pragma_update(None, "synchronous", "OFF").unwrap();
+    let names: Vec<String> = (0..40).map(|index| format!("j{index}")).collect();
+    let jobs: Vec<Job> = names
+        .iter()
+        .map(|id| {
+            let new = NewJob { key: "m", makes_model: true, most_queued: 99, ..new(id, id) };
+            accepted(&store, &new)
+        })
+        .collect();
+    std::thread::scope(|scope| {
+        scope.spawn(|| (0..40).filter(|_| store.delete_model("m").unwrap()).count());
+        for job in &jobs {
+            let incoming = store.folder().incoming().unwrap();
+            std::fs::write(incoming.path().join("model"), "x").unwrap();
+            let model = NewModel { sha256: "s", bytes: 1, folder: incoming.path() };
+            let done =
+                Done { state: State::Succeeded, result: None, error: None, model: Some(model) };
+            store.finish(job, &done).unwrap();
+        }
+    });
+    let files = store.folder().model("m").join("model").is_file();
+    assert_eq!(store.model("m").unwrap().is_some(), files);
+}
+
+/// A receiver that is being told is passed over, and others are not.
+#[test]
+fn a_busy_receiver_holds_up_nobody_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    for (id, url) in [
+        ("a", "http://One.example:80/x"),
+        ("b", "http://one.example:80/y?z"),
+        ("c", "https://two.example#z"),
+    ] {
+        let request = format!(r#"{{"webhook":{{"url":"{url}"}}}}"#);
+        accepted(&store, &NewJob { request: &request, ..new(id, id) });
+        store.cancel(id).unwrap();
+    }
+    let mut busy = BTreeSet::new();
+    let mut next = || {
+        let due = store.due(&busy).unwrap()?;
+        busy.insert(due.host.clone());
+        Some(due.host)
+    };
+    assert_eq!(next().as_deref(), Some("one.example:80"));
+    assert_eq!(next().as_deref(), Some("two.example"));
+    assert_eq!(next(), None);
+}
+
+/// To look at a folder, or to ask for its tokens, makes nothing; a folder that cannot be is told.
+#[test]
+fn looking_leaves_no_trace() {
+    let folder = tempfile::tempdir().unwrap();
+    let nowhere = folder.path().join("no/where");
+    assert!(!Store::look(&nowhere).unwrap());
+    assert!(matches!(Store::visit_known(&nowhere), Err(Error::NoService(_))));
+    assert!(!nowhere.exists() && !folder.path().join("no").exists());
+    std::fs::write(folder.path().join("file"), b"").unwrap();
+    assert!(matches!(Store::look(&folder.path().join("file/x")), Err(Error::Io { .. })));
+    let store = Store::open(&nowhere).unwrap();
+    assert!(!Store::look(&nowhere).unwrap());
+    Store::visit_known(&nowhere).unwrap().create_token("a", "read", 1).unwrap();
+    assert!(Store::look(&nowhere).unwrap(), "beside the one that serves");
+    drop(store);
+    std::fs::write(nowhere.join(DATABASE), vec![7; 5000]).unwrap();
+    assert!(Store::look(&nowhere).unwrap_err().is_of_the_disk());
 }
 
 /// Only jobs that ended are old, the oldest first.

@@ -1,6 +1,6 @@
 //! Access tokens. Only their hashes are kept.
 
-use rusqlite::{Row, params};
+use rusqlite::{Connection, Row, params};
 use sha2::{Digest, Sha256};
 
 use super::{Error, Store, hexadecimal, now_ms, random_id};
@@ -109,7 +109,10 @@ impl Store {
     /// # Errors
     /// What the database objects to.
     pub(in crate::serve) fn has_tokens(&self) -> Result<bool, Error> {
-        let sql = "SELECT EXISTS (SELECT 1 FROM tokens)";
-        Ok(self.lock().query_row(sql, [], |row| row.get(0))?)
+        any(&self.lock())
     }
+}
+
+pub(super) fn any(tx: &Connection) -> Result<bool, Error> {
+    Ok(tx.query_row("SELECT EXISTS (SELECT 1 FROM tokens)", [], |row| row.get(0))?)
 }

@@ -115,7 +115,7 @@ impl Target {
 }
 
 fn refusal(host: &str) -> String {
-    format!("{host} is no public address; `--webhook-private` would allow it")
+    format!("{host} is no public address; the service's setting `webhook-private` would allow it")
 }
 
 /// Whether an address is of the public network: none of the special blocks of RFC 6890 and its

@@ -10,7 +10,8 @@ mod post;
 mod sign;
 mod tls;
 
-use std::sync::Arc;
+use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use super::problem::Problem;
@@ -25,6 +26,9 @@ pub use tls::{Authorities, BadAuthorities};
 /// Between two looks for messages whose time has come.
 const LOOK: Duration = Duration::from_millis(500);
 
+/// Receivers that are told at once.
+const AT_ONCE: usize = 8;
+
 /// Pauses after each attempt that failed, seconds; after the last the message is given up.
 const PAUSES_S: [u32; 8] = [5, 30, 120, 900, 3600, 4 * 3600, 8 * 3600, 12 * 3600];
 
@@ -35,14 +39,16 @@ const PAUSES_S: [u32; 8] = [5, 30, 120, 900, 3600, 4 * 3600, 8 * 3600, 12 * 3600
 pub(super) fn check(service: &Service, url: &str) -> Result<(), Problem> {
     let fault = |fault: String| Problem::field("#/webhook/url", fault);
     if service.settings.webhooks.secret.is_none() {
-        let lack = "this service has no secret to sign messages with (`--webhook-secret`)";
+        let lack =
+            "this service has no secret to sign messages with (its setting `webhook-secret`)";
         return Err(fault(lack.to_owned()));
     }
     let target = Target::read(url).map_err(fault)?;
     target.check_literal(service.settings.webhooks.private).map_err(fault)
 }
 
-/// Delivers messages until the service stops.
+/// Delivers messages until the service stops: some receivers at once, each one message at a time, so
+/// that one which is silent holds up its own only.
 pub(super) fn work(service: &Arc<Service>) {
     let Some(secret) = &service.settings.webhooks.secret else { return };
     let trust = match tls::config(&service.settings.webhooks.authorities) {
@@ -50,21 +56,33 @@ pub(super) fn work(service: &Arc<Service>) {
         Err(error) => return tracing::error!(%error, "no message can be sent"),
     };
     let sender = Sender { service, secret, trust };
-    while !*service.stopping.borrow() {
-        match service.store.due() {
-            Ok(Some(delivery)) => {
-                if let Err(error) = sender.deliver(&delivery) {
-                    tracing::error!(%error, "cannot write down a delivery");
-                    std::thread::sleep(LOOK);
+    let busy = Mutex::new(BTreeSet::new());
+    let busy = || busy.lock().unwrap_or_else(PoisonError::into_inner);
+    std::thread::scope(|scope| {
+        while !*service.stopping.borrow() {
+            let mut told = busy();
+            let due = if told.len() < AT_ONCE { service.store.due(&told) } else { Ok(None) };
+            match due {
+                Ok(Some(delivery)) => {
+                    told.insert(delivery.host.clone());
+                    drop(told);
+                    let (sender, busy) = (&sender, &busy);
+                    scope.spawn(move || {
+                        if let Err(error) = sender.deliver(&delivery) {
+                            tracing::error!(%error, "cannot write down a delivery");
+                            std::thread::sleep(LOOK);
+                        }
+                        busy().remove(&delivery.host);
+                    });
+                    continue;
                 }
+                Ok(None) => {}
+                Err(error) => tracing::error!(%error, "cannot look for deliveries"),
             }
-            Ok(None) => std::thread::sleep(LOOK),
-            Err(error) => {
-                tracing::error!(%error, "cannot look for deliveries");
-                std::thread::sleep(LOOK);
-            }
+            drop(told);
+            std::thread::sleep(LOOK);
         }
-    }
+    });
 }
 
 /// Why a message did not arrive.
