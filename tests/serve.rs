@@ -228,6 +228,8 @@ fn a_killed_service_goes_on() {
     server.wait(&place, |_| !blocks(&folder).is_empty());
     server.kill();
     let before = blocks(&folder);
+    // However often it was killed before: blocks have come of it.
+    ended(&server, "UPDATE jobs SET ends = 1000, whole = 0");
     server.restart();
     let done = server.wait(&place, |job| job["state"] == "succeeded" || job["state"] == "failed");
     assert_eq!(done["state"], "succeeded", "{done}");
@@ -239,6 +241,29 @@ fn a_killed_service_goes_on() {
         server.get(&format!("{model}/blob"), &[]).body == expected,
         "other bytes after the kill"
     );
+    given_up(&mut server);
+}
+
+/// Changes what the service remembers of its ends, while it does not run.
+fn ended(server: &Server, sql: &str) {
+    let path = server.path("data/poselight.db");
+    rusqlite::Connection::open(path).and_then(|store| store.execute(sql, [])).expect("changed");
+}
+
+/// A job during which the service has ended too often, with nothing of it in between, is given up, and
+/// says why.
+fn given_up(server: &mut Server) {
+    let mut recipe = small();
+    recipe["bake"]["rays"] = json!(50_000);
+    let accepted = server.post("/v1/jobs", &job(server, &recipe), &[]);
+    let place = accepted.header("location").expect("a place");
+    server.wait(&place, |job| job["state"] == "running");
+    server.kill();
+    ended(server, "UPDATE jobs SET ends = 19, whole = 1000000 WHERE state = 'running'");
+    server.restart();
+    let failed = server.wait(&place, |job| job["state"] != "running" && job["state"] != "queued");
+    let detail = failed["error"]["detail"].as_str().unwrap_or_default();
+    assert!(detail.contains("came no further"), "{failed}");
 }
 
 /// A running job is cancelled, not deleted; a finished one is deleted, not cancelled; a stopped

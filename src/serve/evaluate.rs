@@ -83,6 +83,7 @@ impl Asked<'_> {
             );
             return Err(Problem::field("#", fault).limit("answer_bytes", most));
         }
+        let held = service.answers.hold(wanted)?;
         let mut values = Vec::with_capacity(wanted as usize / 4);
         let mut distances = Vec::with_capacity(queries.len());
         for query in queries {
@@ -93,6 +94,6 @@ impl Asked<'_> {
         let turned = queries.iter().all(|query| query.is_turned(model));
         let frame = if turned { "root" } else { "bone" };
         let residual_rms = header.training.residual_rms;
-        Ok(Values { shape, values, frame, distances, residual_rms })
+        Ok(Values { shape, values, frame, distances, residual_rms, held: Some(held) })
     }
 }

@@ -23,6 +23,7 @@ mod files;
 mod grpc;
 mod guard;
 mod health;
+mod held;
 mod hot;
 mod jobs;
 mod memory;
@@ -62,6 +63,7 @@ use tokio::sync::{Semaphore, watch};
 pub use store::{Error as StoreError, NewToken, Store, Token};
 pub use webhooks::{Authorities, BadAuthorities, BadSecret, Secret};
 
+use held::Answers;
 use hot::Hot;
 use metrics::Metrics;
 use rates::Rates;
@@ -120,7 +122,7 @@ pub struct Limits {
     /// Poses of one evaluation. Default 4096.
     pub poses: u32,
     /// Bytes of one evaluation's values as f32, which are held while the answer is written, part by
-    /// part. Default 256 MiB.
+    /// part; of all at once four times that. Default 256 MiB.
     pub answer_bytes: u64,
     /// Bytes of models that are kept ready to be evaluated. Default 1 GiB.
     pub hot_bytes: u64,
@@ -199,6 +201,8 @@ struct Service {
     keys: Mutex<BTreeSet<(String, String)>>,
     /// Scenes that are imported at once.
     imports: Arc<Semaphore>,
+    /// Values of answers that are on their way.
+    answers: Answers,
     /// Bytes of assets that are on their way.
     room: Arc<Room>,
     /// Turns true once, when the service is to end.
@@ -314,6 +318,7 @@ fn run(
 ) -> Result<(), Error> {
     let (stopper, stopping) = watch::channel(false);
     let guarded = store.has_tokens()?;
+    let answers = Answers::new(settings.limits.answer_bytes);
     let service = Arc::new(Service {
         hot: Hot::new(settings.limits.hot_bytes),
         settings,
@@ -324,6 +329,7 @@ fn run(
         keys: Mutex::default(),
         imports: Arc::new(Semaphore::new(IMPORTS)),
         room: Arc::default(),
+        answers,
         stopping,
         guarded,
     });

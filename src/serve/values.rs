@@ -10,6 +10,7 @@ use futures_util::stream;
 use serde_json::json;
 
 use super::files;
+use super::held::Held;
 use crate::model::Distance;
 
 /// The kind of an answer of raw numbers.
@@ -28,6 +29,8 @@ pub(super) struct Values {
     pub(super) distances: Vec<Distance>,
     /// What a distance's residual is to be compared with.
     pub(super) residual_rms: f32,
+    /// Their room, which is free again when the last of them is written.
+    pub(super) held: Option<Held>,
 }
 
 /// One JSON object, the values last.
@@ -44,7 +47,11 @@ pub(super) fn as_json(values: Values) -> Response {
     let mut head = about.to_string();
     head.pop();
     head.push_str(",\"values\":[");
-    let numbers = chunks(values.values, write_json);
+    let held = values.held;
+    let numbers = chunks(values.values, move |part, is_first| {
+        let _until_written = &held;
+        write_json(part, is_first)
+    });
     let parts = std::iter::once(head.into_bytes()).chain(numbers).chain([b"]}".to_vec()]);
     ([(header::CONTENT_TYPE, "application/json")], body(parts)).into_response()
 }
@@ -55,7 +62,11 @@ pub(super) fn as_bytes(values: Values) -> Response {
     let most = |of: fn(&Distance) -> f32| values.distances.iter().map(of).fold(0.0, f32::max);
     let (mahalanobis, residual) = (most(|d| d.mahalanobis), most(|d| d.residual));
     let length = HeaderValue::from(4 * values.values.len() as u64);
-    let numbers = chunks(values.values, |part, _| little_endian(part));
+    let held = values.held;
+    let numbers = chunks(values.values, move |part, _| {
+        let _until_written = &held;
+        little_endian(part)
+    });
     let mut response = ([(header::CONTENT_TYPE, RAW)], body(numbers)).into_response();
     response.headers_mut().insert(header::CONTENT_LENGTH, length);
     let response = files::with(response, "poselight-shape", &shape.join(","));
@@ -147,6 +158,7 @@ mod tests {
             frame: "root",
             distances: vec![Distance { mahalanobis: 1.0, residual: 2.0 }],
             residual_rms: 0.25,
+            held: None,
         };
         let known =
             |response: Response| hyper::body::Body::size_hint(response.body()).exact().is_some();
