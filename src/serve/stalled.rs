@@ -14,8 +14,9 @@ use std::time::{Duration, Instant};
 use axum::body::{Body as Answer, Bytes};
 use hyper::body::{Body, Frame, SizeHint};
 
-/// Bytes that are handed on at once: who takes less than this within the limit is let go.
-const PART: usize = 16 << 10;
+/// Bytes that are handed on at once: who takes less than this within the limit is let go. A frame of an
+/// evaluation is less, for each part of it costs time.
+const PART: usize = 128 << 10;
 
 /// A connection on which nothing was asked for so many times the limit is let go too.
 const IDLE: u32 = 10;
