@@ -119,8 +119,7 @@ impl Allocation {
         most_rays: usize,
         stage: &Stage,
     ) -> Self {
-        let of_pilot = Trial::of(pilot);
-        let trials: Vec<Trial> = plans.iter().map(Trial::of).collect();
+        let (of_pilot, trials) = Trial::of_all(pilot, plans);
         let level = |plan: usize, blocks: usize, with: bool| {
             let (blocks_f, trial) = (blocks as f64, &trials[plan]);
             // Blocks are independent of one another: their mean gains by the root of their number.

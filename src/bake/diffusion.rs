@@ -4,8 +4,9 @@
 //!
 //! Far points are taken together: a tree holds for every node its area, where it lies, how it
 //! spreads, and its mean transfer, and a node that is small beside its distance stands for all its
-//! points (Jensen and Buhler 2002). Close ones stand for disks, over which the kernel is averaged; a point's own disk
-//! is integrated exactly, so that coarse meshes keep their total.
+//! points (Jensen and Buhler 2002). Close ones stand for disks, over which the kernel is integrated, however much
+//! narrower it is; points at one place, as along seams, share the disk of all their area. So coarse meshes keep
+//! their total.
 //!
 //! Distances are straight: the far side of what is thinner than a mean free path shines through, as
 //! ears do, and so does a surface that merely comes close. The sum of the weights of a point is near
@@ -29,7 +30,10 @@ const LEAF: usize = 8;
 const OPENING: f64 = 0.15;
 
 /// A point stands for a disk where it is nearer than this many of the disk's radii.
-const NEAR_RADII: f64 = 6.0;
+const NEAR_RADII: f64 = 5.0;
+
+/// Directions from a place along which the kernel over a disk is summed.
+const SECTORS: usize = 8;
 
 /// A node is left out where all its area at its nearest place would weigh less.
 const NEGLIGIBLE: f64 = 1e-6;
@@ -45,6 +49,8 @@ pub(super) struct Cloud {
     pub(super) normals: Vec<DVec3>,
     /// Square metres.
     pub(super) areas: Vec<f64>,
+    /// Square metres of all points at the same place.
+    pub(super) shared: Vec<f64>,
 }
 
 /// A run of points, nearest to one another.
@@ -89,37 +95,78 @@ impl Cloud {
         }
         let place = |&vertex: &u32| positions[vertex as usize].as_dvec3();
         let normal = |&vertex: &u32| normals[vertex as usize].as_dvec3().normalize_or(DVec3::Y);
-        Self {
-            places: points.vertex.iter().map(place).collect(),
-            normals: points.vertex.iter().map(normal).collect(),
-            areas,
+        let places = points.vertex.iter().map(place).collect();
+        Self::of(places, points.vertex.iter().map(normal).collect(), areas)
+    }
+
+    /// Points with what they stand for.
+    pub(super) fn of(places: Vec<DVec3>, normals: Vec<DVec3>, areas: Vec<f64>) -> Self {
+        let mut order: Vec<usize> = (0..places.len()).collect();
+        let key = |point: usize| places[point].to_array().map(f64::to_bits);
+        order.sort_unstable_by_key(|&point| (key(point), point));
+        let mut shared = vec![0.0; places.len()];
+        for same in order.chunk_by(|&a, &b| places[a] == places[b]) {
+            let area: f64 = same.iter().map(|&point| areas[point]).sum();
+            same.iter().for_each(|&point| shared[point] = area);
         }
+        Self { places, normals, areas, shared }
     }
 
     /// The weight of a point at another: the kernel over its disk.
     pub(super) fn weight(&self, dipole: &Dipole, at: usize, of: usize) -> f64 {
         let area = self.areas[of];
-        if at == of {
-            return dipole.disk((area / PI).sqrt());
+        let away = self.places[at] - self.places[of];
+        let square = away.length_squared();
+        if at == of || square == 0.0 {
+            let shared = self.shared[of];
+            let share = if shared > 0.0 { area / shared } else { 0.0 };
+            return share * dipole.disk((shared / PI).sqrt());
         }
-        let away = self.places[of] - self.places[at];
-        let radius = (area / PI).sqrt();
-        if away.length_squared() > (NEAR_RADII * radius).powi(2) {
-            return area * dipole.at(away.length_squared());
+        if square > NEAR_RADII * NEAR_RADII * area / PI {
+            return area * dipole.at(square);
         }
-        // Seven places: exact for polynomials of degree 5 over a disk.
-        let [u, v] = sides(self.normals[of]).map(|side| side * radius * (2.0_f64 / 3.0).sqrt());
-        let ring = (0..6).map(|sixth| {
-            let (sin, cos) = (PI / 3.0 * f64::from(sixth)).sin_cos();
-            dipole.at((away + cos * u + sin * v).length_squared())
-        });
-        area * (dipole.at(away.length_squared()) / 4.0 + ring.sum::<f64>() / 8.0)
+        let height = away.dot(self.normals[of]);
+        let off = (square - height * height).max(0.0);
+        // On one sheet what is nearer to the point is the point's own.
+        let same = self.normals[at].dot(self.normals[of]) > 0.0;
+        let taken = if same { (self.shared[at] / PI).min(off / 4.0) } else { 0.0 };
+        let disk = Disk { height: height * height, off, radius: area / PI, taken };
+        area * disk.mean(dipole).unwrap_or_else(|| dipole.at(square.max(taken)))
     }
 }
 
-fn sides(normal: DVec3) -> [DVec3; 2] {
-    let u = normal.any_orthogonal_vector().normalize_or_zero();
-    [u, normal.cross(u)]
+/// A disk seen from a place near it; squares of metres.
+struct Disk {
+    /// Of the place over the disk's plane.
+    height: f64,
+    /// From the place's foot to the disk's middle.
+    off: f64,
+    radius: f64,
+    /// Of a circle about the foot that does not count.
+    taken: f64,
+}
+
+impl Disk {
+    /// The mean of the kernel over what counts of the disk, if anything does: sector by sector about the
+    /// foot, over each of which the kernel's integral is known.
+    fn mean(&self, dipole: &Dipole) -> Option<f64> {
+        let inside = self.off < self.radius;
+        // Half the angle that the disk takes up.
+        let half = if inside { PI } else { (self.radius / self.off).sqrt().min(1.0).asin() };
+        let (mut sum, mut area) = (0.0, 0.0);
+        for index in 0..SECTORS {
+            let (sin, cos) = (half * ((2 * index + 1) as f64 / SECTORS as f64 - 1.0)).sin_cos();
+            let reach = (self.radius - self.off * sin * sin).max(0.0).sqrt();
+            let middle = self.off.sqrt() * cos;
+            let near = if inside { 0.0 } else { (middle - reach).max(0.0).powi(2) };
+            let (near, far) = (near.max(self.taken), (middle + reach).powi(2));
+            if near < far {
+                sum += dipole.beyond(self.height + near) - dipole.beyond(self.height + far);
+                area += PI * (far - near);
+            }
+        }
+        (area > 0.0).then(|| sum / area)
+    }
 }
 
 impl Node {

@@ -31,8 +31,26 @@ pub(super) struct Trial {
 }
 
 impl Trial {
+    /// Measures the sets of a pilot and of plans. A plan has only so many sets, and what one of them happens
+    /// to be worth is not what rays of that number are worth; of many plans the cheapest look would always be
+    /// a lucky one's. So variances are those of the curve through all plans.
+    pub(super) fn of_all(pilot: &Plan, plans: &[Plan]) -> (Self, Vec<Self>) {
+        let all = || std::iter::once(pilot).chain(plans);
+        let mut trials: Vec<Self> = all().map(Self::of).collect();
+        let rays: Vec<f64> = all().map(|plan| (plan.rays() as f64).ln()).collect();
+        for size in 0..SIZES {
+            let own: Vec<f64> = trials.iter().map(|trial| trial.of_sizes[size]).collect();
+            let curve = curve(&rays, &own);
+            trials.iter_mut().zip(curve).for_each(|(trial, value)| trial.of_sizes[size] = value);
+        }
+        for trial in &mut trials {
+            trial.variance = trial.of_sizes[SIZES - 1];
+        }
+        (trials.remove(0), trials)
+    }
+
     /// Measures a plan's sets.
-    pub(super) fn of(plan: &Plan) -> Self {
+    fn of(plan: &Plan) -> Self {
         let count = plan.coefficients;
         let caps = (CAP_BATCHES / count).clamp(128, 1024);
         let large = |number: [f64; 2]| (number[0], 1.8 * number[1] - 0.9);
@@ -77,5 +95,51 @@ impl Trial {
         }
         let batches = caps as f64;
         (crossings / batches, squares / (count as f64 * batches * plan.blocks as f64))
+    }
+}
+
+/// Positive values as the parabola of best fit has their logarithms over x; as they are where there are too
+/// few, or some are 0.
+fn curve(x: &[f64], values: &[f64]) -> Vec<f64> {
+    if values.len() < 5 || values.iter().any(|&value| value <= 0.0) {
+        return values.to_vec();
+    }
+    let mean = x.iter().sum::<f64>() / x.len() as f64;
+    let line: Vec<f64> = x.iter().map(|x| x - mean).collect();
+    let moment = |power: i32| line.iter().map(|x| x.powi(power)).sum::<f64>();
+    let (skew, spread) = (moment(3) / moment(2), moment(2) / x.len() as f64);
+    let bend: Vec<f64> = line.iter().map(|x| x * x - skew * x - spread).collect();
+    // The three are orthogonal over x.
+    let mut curve = vec![0.0; x.len()];
+    for shape in [&vec![1.0; x.len()], &line, &bend] {
+        let along: f64 = shape.iter().zip(values).map(|(shape, value)| shape * value.ln()).sum();
+        let square: f64 = shape.iter().map(|shape| shape * shape).sum();
+        curve.iter_mut().zip(shape).for_each(|(curve, shape)| *curve += along / square * shape);
+    }
+    curve.into_iter().map(f64::exp).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A curve of its own kind comes back; scatter about one shrinks by the root of what three numbers can
+    /// follow of it; few values, or zeros, stay.
+    #[test]
+    fn a_curve_is_drawn_through_what_scatters() {
+        let x: Vec<f64> = (1..=16).map(|i| f64::from(i * i).ln()).collect();
+        let truth: Vec<f64> = x.iter().map(|x| (-1.5 * x + 0.03 * x * x).exp()).collect();
+        for (found, truth) in curve(&x, &truth).iter().zip(&truth) {
+            assert!((found / truth - 1.0).abs() < 1e-9);
+        }
+        let off = |i: usize| 0.1 * (unit(hash(&[7, i as u64])) - 0.5);
+        let scattered: Vec<f64> = truth.iter().enumerate().map(|(i, t)| t * off(i).exp()).collect();
+        let square = |values: &[f64]| -> f64 {
+            values.iter().zip(&truth).map(|(v, t)| (v / t).ln().powi(2)).sum()
+        };
+        let (before, after) = (square(&scattered), square(&curve(&x, &scattered)));
+        assert!(after < 0.5 * before, "{after} of {before}");
+        assert_eq!(curve(&x[..3], &truth[..3]), truth[..3]);
+        assert_eq!(curve(&x[..5], &[1.0, 0.0, 1.0, 1.0, 1.0]), [1.0, 0.0, 1.0, 1.0, 1.0]);
     }
 }
