@@ -72,7 +72,8 @@ pub(super) fn read_array(path: &Path, n: usize) -> anyhow::Result<Vec<Vec<f32>>>
 }
 
 fn from_array(path: &Path, order: Order) -> anyhow::Result<ShLight> {
-    let read = read_array(path, order.coefficients())?;
+    let read = read_array(path, order.coefficients())
+        .with_context(|| format!("as a light of order {}", order.get()))?;
     let finite = read.iter().flatten().all(|value| value.is_finite());
     ensure!(finite, "{} has coefficients that are no numbers", path.display());
     let colour = |c: usize| read[c % read.len()].iter().map(|&value| f64::from(value)).collect();
@@ -197,7 +198,11 @@ mod tests {
         let read = light(&source).expect("read").light;
         assert_eq!(read.coefficient(5), [15.0, 16.0, 17.0]);
         let other = read_light(&source, Order::new(3).expect("order"), 0.0).err();
-        assert!(other.expect("refused").to_string().contains("takes [9] or [9, 3]"));
+        let told = format!("{:#}", other.expect("refused"));
+        assert!(
+            told.contains("light of order 3: ") && told.contains("takes [9] or [9, 3]"),
+            "{told}"
+        );
     }
 
     /// A quarter turn takes what came from +X to −Z.

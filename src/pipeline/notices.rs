@@ -48,7 +48,8 @@ fn held_out(job: &Job) -> Option<String> {
     let of = |split| job.poses.samples.iter().filter(move |sample| sample.split == split);
     let within = of(Split::WithinClip).count();
     if within > 0 {
-        return Some(format!("held out: the last {within} poses of the only clip"));
+        let last = if within == 1 { "pose".to_owned() } else { format!("{within} poses") };
+        return Some(format!("held out: the last {last} of the only clip"));
     }
     let mut clips: Vec<&str> =
         of(Split::Novel).map(|sample| job.poses.clip_names[sample.clip].as_str()).collect();

@@ -233,8 +233,8 @@ fn ground_m(
         GroundRecipe::Lowest => low,
         GroundRecipe::HeightM(height) if height >= high => {
             return Err(Error::Surroundings(format!(
-                "the ground at {height} m is above the character, which reaches from {low} m to \
-                 {high} m over all poses"
+                "the ground at {height} m is above the character, which reaches from {low:.3} m to \
+                 {high:.3} m over all poses"
             )));
         }
         GroundRecipe::HeightM(height) => height,
@@ -244,7 +244,7 @@ fn ground_m(
     ));
     if low < height {
         notices.push(format!(
-            "the character reaches {} m below the ground in some pose; what is there is dark",
+            "the character reaches {:.3} m below the ground in some pose; what is there is dark",
             height - low
         ));
     }
