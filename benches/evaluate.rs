@@ -217,6 +217,7 @@ fn occluded(points: usize, spheres: usize, signal: Signal) -> Model {
         radii: (0..spheres).map(|q| 1.2 * CAPSULES[q * CAPSULES.len() / spheres].2).collect(),
         group_of: (0..BONES * spheres).map(|i| (i % GROUPS) as u8).collect(),
         weights: numbers(9, points * GROUPS),
+        ..Occluders::default()
     };
     let maps = ((0..points as u32).collect(), bones);
     let model = Model::new(header, Decoder::Mean { mean }, maps.0, maps.1).expect("a valid model");

@@ -52,6 +52,10 @@ pub(crate) struct FitFlags {
     /// Groups of spheres that the points of a bone tell apart [default: 12].
     #[arg(long, value_name = "N")]
     groups: Option<u32>,
+    /// Directions in which the union of occluder's ellipsoids is looked at, a multiple of 16, or 0 for
+    /// the sum of spheres: quicker, less accurate [default: 0 for ao, else 256].
+    #[arg(long, value_name = "N")]
+    directions: Option<u32>,
     /// Draw poses that are farther than this from the training poses, in typical distances of
     /// those, towards their mean [default: take them as they are].
     #[arg(long, value_name = "DISTANCE")]
@@ -225,6 +229,7 @@ impl FitFlags {
             ("--include-rest", self.include_rest),
             ("--unshadowed", self.unshadowed.is_some()),
             ("--spheres", self.spheres.is_some()),
+            ("--directions", self.directions.is_some()),
             ("--groups", self.groups.is_some()),
             ("--neurons", self.neurons.is_some()),
             ("--frame", self.frame.is_some()),
@@ -257,6 +262,7 @@ impl FitFlags {
         fit.include_rest |= self.include_rest;
         fit.unshadowed = self.unshadowed.or(fit.unshadowed);
         fit.spheres = self.spheres.or(fit.spheres);
+        fit.directions = self.directions.or(fit.directions);
         fit.groups = self.groups.or(fit.groups);
         set(&mut fit.frame, self.frame);
         if let Some(ridge) = self.ridge {

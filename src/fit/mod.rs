@@ -118,6 +118,9 @@ pub struct Settings {
     pub spheres: Option<usize>,
     /// Groups of spheres that the points of a bone tell apart, at most; 12 by default.
     pub groups: usize,
+    /// Directions in which the union of what are then ellipsoids is looked at, a multiple of 16; 0,
+    /// the default, for the sum of what spheres block.
+    pub directions: usize,
     /// Seed of the randomised decomposition, 1 by default.
     pub seed: u64,
     /// Steps of an optimiser that has no closed form (`tanh`), at most; 1000 by default.
@@ -134,6 +137,7 @@ impl Default for Settings {
             unshadowed: false,
             spheres: None,
             groups: 12,
+            directions: 0,
             seed: 1,
             steps: 1000,
         }
@@ -265,7 +269,7 @@ fn explain<'a>(
         return Ok(None);
     };
     let found = shared.placed(key, || {
-        let mut placed = occluder::place(geometry, turns, spheres)?;
+        let mut placed = occluder::place(geometry, turns, spheres, settings.directions)?;
         let report = occluder::fit(source, &mut placed, training.clips(), settings)?;
         Ok((placed, report))
     })?;

@@ -54,14 +54,15 @@ pub(super) struct Outputs {
     unshadowed: bool,
     spheres: Option<usize>,
     groups: usize,
+    directions: usize,
     on: On,
     ridge: Ridge,
 }
 
 impl Outputs {
     pub(super) fn of(settings: &Settings) -> Self {
-        let Settings { frame, unshadowed, spheres, groups, on, ridge, .. } = *settings;
-        Self { frame, unshadowed, spheres, groups, on, ridge }
+        let Settings { frame, unshadowed, spheres, groups, directions, on, ridge, .. } = *settings;
+        Self { frame, unshadowed, spheres, groups, directions, on, ridge }
     }
 }
 

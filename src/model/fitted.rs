@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::distance::Subspace;
 use super::header::{check_index, field, limits, within};
 use super::occluder::Seen;
+use super::occluder::sky::Sky;
 use super::rig::Rig;
 use super::{
     Decoder, Error, Frame, Header, OccluderSizes, Occluders, Shape, Signal, clustered, multilinear,
@@ -35,6 +36,8 @@ pub struct Model {
 pub(super) struct Occluding {
     pub(super) occluders: Occluders,
     pub(super) seen: Seen,
+    /// Where they are ellipsoids.
+    pub(super) sky: Option<Sky>,
 }
 
 /// The decoder's numbers as the kernels read them.
@@ -138,10 +141,15 @@ impl Model {
             return Err(field("frame", "occluders need the points' bones, so the bone frame"));
         }
         let groups = occluders.check(self.shape.points, self.header.rig.bones.len())?;
-        let sizes = OccluderSizes { spheres: occluders.spheres() as u32, groups: groups as u32 };
-        self.header.occluders = Some(sizes);
+        self.header.occluders = Some(OccluderSizes {
+            spheres: occluders.spheres() as u32,
+            groups: groups as u32,
+            directions: occluders.directions as u32,
+        });
         let seen = Seen::new(&occluders, &self.bone_of_point);
-        self.occluding = Some(Arc::new(Occluding { occluders, seen }));
+        let kind = (self.header.signal, self.header.sh_order());
+        let sky = (occluders.directions > 0).then(|| Sky::new(occluders.directions, kind));
+        self.occluding = Some(Arc::new(Occluding { occluders, seen, sky }));
         Ok(self)
     }
 

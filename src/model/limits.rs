@@ -22,3 +22,5 @@ pub const PARTS: u64 = 1 << 16;
 pub const OCCLUDERS: u64 = 1 << 12;
 /// Groups of spheres that a point tells apart.
 pub const OCCLUDER_GROUPS: u64 = 1 << 8;
+/// Directions in which the union of occluders is looked at.
+pub const OCCLUDER_DIRECTIONS: u64 = 1 << 12;

@@ -3,6 +3,7 @@
 use glam::{Quat, Vec3};
 
 use super::evaluate::check_length;
+use super::fitted::Occluding;
 use super::{Error, Model, Signal, Surface};
 use crate::sh::{Order, zonal};
 
@@ -42,21 +43,28 @@ impl Model {
     /// [`Error::NeedsSurface`]; [`Error::NotFinite`] positions or normals.
     pub fn evaluate_bounded(&self, input: &PosedInput<'_>, out: &mut [f32]) -> Result<f32, Error> {
         self.evaluate(input.parameters, None, out)?;
-        self.to_root_frame(input.bone_rotations, None, out)?;
-        if self.needs_surface() {
-            let surface = input.surface.ok_or(Error::NeedsSurface { what: "this model" })?;
-            self.check_surface(surface)?;
-            let kind = (self.header.signal, self.header.sh_order());
-            if self.header.unshadowed {
-                add_unshadowed(kind, surface.normals, out);
-            }
-            if let Some(occluding) = &self.occluding {
-                self.check_bone_rotations(input.bone_rotations)?;
-                let occluders = &occluding.occluders;
-                let (bones, turns) = (&self.bone_of_point, input.bone_rotations);
-                let centres = occluders.centres(surface.positions, bones, turns);
-                occluding.seen.subtract(occluders, &centres, surface, kind, out);
-            }
+        if !self.needs_surface() {
+            self.to_root_frame(input.bone_rotations, None, out)?;
+            return Ok(self.bound(out));
+        }
+        let surface = input.surface.ok_or(Error::NeedsSurface { what: "this model" })?;
+        self.check_surface(surface)?;
+        let kind = (self.header.signal, self.header.sh_order());
+        let turns = input.bone_rotations;
+        if self.occluding.is_some() {
+            self.check_bone_rotations(turns)?;
+        }
+        if let Some(Occluding { occluders, seen, sky: Some(sky) }) = self.occluding.as_deref() {
+            // Its directions are fixed in the frame of each bone, as in the fit.
+            seen.subtract_union(occluders, surface, turns, sky, out);
+        }
+        self.to_root_frame(turns, None, out)?;
+        if self.header.unshadowed {
+            add_unshadowed(kind, surface.normals, out);
+        }
+        if let Some(Occluding { occluders, seen, sky: None }) = self.occluding.as_deref() {
+            let centres = occluders.centres(surface.positions, &self.bone_of_point, turns);
+            seen.subtract(occluders, &centres, surface, kind, out);
         }
         Ok(self.bound(out))
     }

@@ -232,7 +232,20 @@ pub(super) fn occluders() -> Occluders {
         radii: numbers(62, spheres).iter().map(|x| 0.3 + 0.2 * x).collect(),
         group_of: (0..3 * spheres).map(|i| (i * 5 % 3) as u8).collect(),
         weights: numbers(63, POINTS * 3),
+        ..Occluders::default()
     }
+}
+
+/// The same as ellipsoids whose union is looked at.
+pub(super) fn united() -> Occluders {
+    let spheres = occluders();
+    let shape = |(i, &radius): (usize, &f32)| {
+        let [a, b, c] = [1.0, 1.5, 2.0].map(|by| by / radius);
+        let off = 0.1 * (i as f32 - 2.0) / radius;
+        [a, b, c, off, -off, 0.5 * off]
+    };
+    let shapes = spheres.radii.iter().enumerate().flat_map(shape).collect();
+    Occluders { shapes, directions: 64, ..spheres }
 }
 
 /// Positions and unit normals of a posed mesh.

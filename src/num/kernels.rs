@@ -208,6 +208,22 @@ pub fn run<R>(isa: Isa, work: impl FnOnce() -> R) -> R {
     dispatch!(isa, run(work))
 }
 
+/// Plain loops that are worth an instruction set of their own. `perform` is `#[inline(always)]`, with
+/// all that it calls: a closure as large as they are would not be inlined into three places.
+pub trait Task {
+    /// What comes of it.
+    type Output;
+
+    /// Does it.
+    fn perform(self) -> Self::Output;
+}
+
+/// Performs a task compiled for an instruction set, as [`run`] does with small closures.
+#[inline]
+pub fn perform<T: Task>(isa: Isa, task: T) -> T::Output {
+    dispatch!(isa, perform(task))
+}
+
 /// Nothing but multiply-adds in registers, in independent chains of `rounds` each: the machine's
 /// own peak, which benchmarks compare with. The result only keeps it from vanishing.
 #[must_use]

@@ -1,8 +1,8 @@
 //! The models that a trade-off is measured over: every family at several sizes.
 
 use super::recipe::{
-    ChooseName, FamilyName, FitRecipe, FrameName, OnName, ParametrisationName, Recipe, RidgeName,
-    SignalName,
+    ChooseName, DEFAULT_SPHERES, FamilyName, FitRecipe, FrameName, OnName, ParametrisationName,
+    Recipe, RidgeName, SignalName,
 };
 
 /// A fit with its name; precision is not part of it.
@@ -64,10 +64,16 @@ pub fn candidates(base: &Recipe, points: usize, range: Range) -> Vec<CandidateRe
         for rest in [None, Some((4, 12)), Some((12, 40))] {
             let (inputs, outputs) = rest.unzip();
             let and = rest.map_or(String::new(), |(i, o)| format!(" and {i}, {o} of the rest"));
-            list.add(format!("occluder {spheres}{and}"), OnName::Novel, |fit| {
-                (fit.family, fit.spheres) = (FamilyName::Occluder, Some(spheres));
-                (fit.inputs, fit.outputs) = (inputs, outputs);
-            });
+            // Unions take long to fit: one size of them tells whether they pay.
+            let ways = [("", 0), (" in 256 directions", 256)];
+            let many = if spheres == DEFAULT_SPHERES { 2 } else { 1 };
+            for (how, directions) in ways.into_iter().take(many) {
+                list.add(format!("occluder {spheres}{how}{and}"), OnName::Novel, |fit| {
+                    (fit.family, fit.spheres) = (FamilyName::Occluder, Some(spheres));
+                    (fit.inputs, fit.outputs) = (inputs, outputs);
+                    fit.directions = Some(directions);
+                });
+            }
         }
     }
     if range == Range::Full {

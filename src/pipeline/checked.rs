@@ -9,7 +9,7 @@ use bake_fields::{checked_bake, checked_noises, checked_receivers, checked_subsu
 use target::{checked_choice, checked_reference};
 
 use super::recipe::{
-    DEFAULT_CLUSTER_RETAINED, DEFAULT_GROUPS, DEFAULT_INPUTS, DEFAULT_OUTPUTS,
+    DEFAULT_CLUSTER_RETAINED, DEFAULT_DIRECTIONS, DEFAULT_GROUPS, DEFAULT_INPUTS, DEFAULT_OUTPUTS,
     DEFAULT_POSE_CLUSTERS, DEFAULT_RETAINED, DEFAULT_SPHERES, FamilyName, FitRecipe, FrameName,
     OnName, ParametrisationName, PosesRecipe, PrecisionName, Recipe, RidgeName, VERSION,
 };
@@ -163,8 +163,21 @@ fn checked_fit(fit: &FitRecipe, on: OnName) -> Result<fit::Settings, RecipeError
     let (unshadowed, spheres) = occluders(fit)?;
     let groups = fit.groups.unwrap_or(DEFAULT_GROUPS);
     require((1..=64).contains(&groups), "fit.groups", groups, "it must be 1 to 64")?;
-    let (seed, steps, groups) = (fit.seed, fit::Settings::default().steps, groups as usize);
-    Ok(fit::Settings { family, frame, ridge, on, unshadowed, spheres, groups, seed, steps })
+    let (groups, directions) = (groups as usize, directions(fit)?);
+    let (seed, steps) = (fit.seed, fit::Settings::default().steps);
+    let settings = fit::Settings {
+        family,
+        frame,
+        ridge,
+        on,
+        unshadowed,
+        spheres,
+        groups,
+        directions,
+        seed,
+        steps,
+    };
+    Ok(settings)
 }
 
 /// Whether the unshadowed part is left out, and how many spheres explain the rest.
@@ -173,6 +186,14 @@ fn occluders(fit: &FitRecipe) -> Result<(bool, Option<usize>), RecipeError> {
     let spheres = fit.spheres.unwrap_or(DEFAULT_SPHERES);
     require((1..=4096).contains(&spheres), "fit.spheres", spheres, "it must be 1 to 4096")?;
     Ok((fit.unshadowed.unwrap_or(occluder), occluder.then_some(spheres as usize)))
+}
+
+/// Directions in which the union of occluders is looked at.
+fn directions(fit: &FitRecipe) -> Result<usize, RecipeError> {
+    let count = fit.directions.unwrap_or(DEFAULT_DIRECTIONS);
+    let sound = count == 0 || ((64..=4096).contains(&count) && count.is_multiple_of(16));
+    require(sound, "fit.directions", count, "it must be 0, or a multiple of 16 from 64 to 4096")?;
+    Ok(if fit.family == FamilyName::Occluder { count as usize } else { 0 })
 }
 
 fn clustered(fit: &FitRecipe, form: model::Form) -> Result<fit::Family, RecipeError> {

@@ -106,6 +106,7 @@ fn stated(fit: &FitRecipe) -> impl Iterator<Item = Stated> {
         one("fit.reach", fit.reach.map(|v| v.to_string()), REACHES, |f| f.reach = None),
         one("fit.spheres", text(fit.spheres), &[Occluder], |f| f.spheres = None),
         one("fit.groups", text(fit.groups), &[Occluder], |f| f.groups = None),
+        one("fit.directions", text(fit.directions), &[Occluder], |f| f.directions = None),
         one("fit.alpha", share(fit.alpha), RIDGES, |f| {
             (f.alpha, f.ridge) = (None, FitRecipe::default().ridge);
         }),

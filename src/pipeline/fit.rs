@@ -165,6 +165,8 @@ pub(super) fn settings_for(
     if is_ao {
         // A scalar has no frame; but occluders are grouped by the points' bones.
         settings.frame = if settings.spheres.is_some() { Frame::Bone } else { Frame::Root };
+        // The sum is fifteen times as quick, and for a scalar nearly as good.
+        settings.directions = recipe.fit.directions.map_or(0, |_| settings.directions);
     }
     if settings.spheres.is_some() && settings.family == fit::Family::Mean && !is_ao {
         // A mean of every coefficient would be larger than all the rest.

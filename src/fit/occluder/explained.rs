@@ -2,13 +2,15 @@
 //! what occluders block.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use glam::{Quat, Vec3};
 
+use super::blocked::{Seen, Weighing, Work};
 use crate::fit::Settings;
 use crate::fit::geometry::{Geometry, Moved, into_bone};
-use crate::model::occluder::add;
-use crate::model::occluder::caps::{LANES, Lanes, View};
+use crate::model::occluder::caps::{LANES, Lanes};
+use crate::model::occluder::sky::{Ellipsoid, Sky};
 use crate::model::{Frame, Occluders, Signal, unshadowed};
 use crate::sh::Order;
 
@@ -27,8 +29,12 @@ pub(in crate::fit) struct Explained<'a> {
 #[derive(Debug, Clone)]
 pub(in crate::fit) struct Placed {
     pub(in crate::fit) occluders: Occluders,
-    /// `[pose, sphere]`, root frame.
+    /// `[pose, sphere]`, root frame; empty for ellipsoids.
     pub(super) centres: Vec<Vec3>,
+    /// `[pose, ellipsoid]`, root frame; empty for spheres.
+    pub(super) ellipsoids: Vec<Ellipsoid>,
+    /// The directions in which the union of ellipsoids is looked at.
+    pub(super) sky: Option<Arc<Sky>>,
 }
 
 /// Points of one bone that are looked at together: indices within their block.
@@ -80,7 +86,7 @@ impl<'a> Explained<'a> {
     }
 
     /// The bone's turn at a pose; none where coefficients stay in the root frame.
-    fn turn(&self, pose: usize, bone: usize) -> Quat {
+    pub(super) fn turn(&self, pose: usize, bone: usize) -> Quat {
         let bones = self.geometry.bones.nodes.len();
         self.rotations.map_or(Quat::IDENTITY, |turns| turns[pose * bones + bone].normalize())
     }
@@ -91,11 +97,12 @@ impl<'a> Explained<'a> {
         let bones = &self.geometry.bones.of_point[points.clone()];
         let moved = self.geometry.moved_range(points);
         let chunks = chunks(bones);
+        let mut work = self.occluders.as_ref().map_or_else(Work::default, |p| Work::new(p, 1));
         for pose in 0..self.poses() {
             let size = values.len() / self.poses();
             let values = &mut values[pose * size..(pose + 1) * size];
             for chunk in &chunks {
-                self.remove_chunk(&moved, pose, chunk, bones.len(), values);
+                self.remove_chunk(&moved, pose, chunk, bones.len(), values, &mut work);
             }
         }
     }
@@ -107,6 +114,7 @@ impl<'a> Explained<'a> {
         chunk: &Chunk,
         points: usize,
         values: &mut [f32],
+        work: &mut Work,
     ) {
         let count = self.kind.0.coefficients(self.kind.1);
         let width = values.len() / points;
@@ -127,42 +135,12 @@ impl<'a> Explained<'a> {
             let gains: Vec<Lanes> = (0..groups)
                 .map(|g| chunk.points.map(|point| weights[first + point * groups + g]))
                 .collect();
-            self.blocked(placed, moved, pose, chunk, points, |view, group| {
-                add(view, self.kind, &gains[group], &mut sums);
-            });
+            let seen = Seen { moved, pose, chunk, points };
+            self.blocked(placed, &seen, &Weighing::Sum(&gains), work, &mut sums);
         }
         for (lane, &point) in chunk.points[..chunk.count].iter().enumerate() {
             for channel in values[point * width..(point + 1) * width].chunks_exact_mut(count) {
                 channel.iter_mut().zip(&sums).for_each(|(value, sum)| *value += sum[lane]);
-            }
-        }
-    }
-
-    /// Calls `see` with every sphere as the chunk's points see it at a pose, in the frame of the
-    /// fit, and its group.
-    pub(super) fn blocked(
-        &self,
-        placed: &Placed,
-        moved: &Moved,
-        pose: usize,
-        chunk: &Chunk,
-        points: usize,
-        mut see: impl FnMut(&View, usize),
-    ) {
-        let turn = self.turn(pose, chunk.bone);
-        let by_axis = |vectors: &[Vec3]| {
-            let turned = chunk.points.map(|p| into_bone(turn, vectors[pose * points + p]));
-            [0, 1, 2].map(|axis| turned.map(|vector| vector[axis]))
-        };
-        let (position, normal) = (by_axis(&moved.positions), by_axis(&moved.normals));
-        let spheres = placed.occluders.spheres();
-        let centres = &placed.centres[pose * spheres..(pose + 1) * spheres];
-        let groups = &placed.occluders.group_of[chunk.bone * spheres..(chunk.bone + 1) * spheres];
-        for ((&centre, &radius), &group) in centres.iter().zip(&placed.occluders.radii).zip(groups)
-        {
-            let centre = into_bone(turn, centre).to_array();
-            if let Some(view) = View::new(&position, &normal, centre, radius) {
-                see(&view, usize::from(group));
             }
         }
     }

@@ -5,12 +5,15 @@
 //! by a ridge that shrinks towards weights which the bone's points share ([`solver`]). What they
 //! leave over is any other family's to learn.
 
+mod blocked;
 mod explained;
 mod groups;
 mod merge;
 mod solver;
 mod spheres;
 mod sums;
+
+use std::sync::Arc;
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -22,11 +25,13 @@ use super::geometry::Geometry;
 use super::source::{Block, Source};
 use super::{Error, OccluderReport, Ridge, Settings};
 use crate::fit::On;
-use crate::model::occluder::{ANCHORS, add, caps::LANES};
+use crate::model::occluder::{ANCHORS, caps::LANES, sky::Sky};
 use crate::model::{Occluders, Signal};
 use crate::sh::Order;
+use blocked::{Seen, Weighing, Work};
 use explained::{Chunk, chunks};
 use solver::Solver;
+use spheres::Proxy;
 use sums::{Moments, Sums};
 
 /// Parts into which the training poses are cut to be left out, at most.
@@ -44,8 +49,10 @@ pub(super) fn place(
     geometry: &Geometry<'_>,
     turns: &[glam::Quat],
     count: usize,
+    directions: usize,
 ) -> Result<Placed, Error> {
-    let spheres = spheres::cut(geometry, count)?;
+    let proxy = if directions > 0 { Proxy::Ellipsoid } else { Proxy::Sphere };
+    let spheres = spheres::cut(geometry, count, proxy)?;
     let bone_of_sphere: Vec<usize> = spheres
         .anchors
         .iter()
@@ -56,6 +63,8 @@ pub(super) fn place(
     let occluders = Occluders {
         offsets: spheres.offsets.iter().flat_map(Vec3::to_array).collect(),
         radii: spheres.radii,
+        shapes: spheres.shapes,
+        directions,
         group_of,
         weights: vec![1.0; geometry.points.count() * groups],
         anchors: spheres.anchors,
@@ -71,13 +80,17 @@ pub(super) fn place(
         ..occluders.clone()
     };
     let anchors = occluders.anchors.len().max(1);
-    let centres = moved
-        .positions
-        .chunks_exact(anchors)
-        .zip(turns.chunks_exact(bones))
-        .flat_map(|(positions, turns)| own.centres(positions, &of_anchor, turns))
-        .collect();
-    Ok(Placed { occluders, centres })
+    let mut placed = Placed { occluders, centres: Vec::new(), ellipsoids: Vec::new(), sky: None };
+    for (positions, turns) in moved.positions.chunks_exact(anchors).zip(turns.chunks_exact(bones)) {
+        if directions > 0 {
+            placed.ellipsoids.extend(own.ellipsoids(positions, &of_anchor, turns));
+        } else {
+            placed.centres.extend(own.centres(positions, &of_anchor, turns));
+        }
+    }
+    let kind = (geometry.signal, geometry.order);
+    placed.sky = (directions > 0).then(|| Arc::new(Sky::new(directions, kind)));
+    Ok(placed)
 }
 
 /// Finds the weights of `placed` for the source's data, from which the unshadowed signal has been
@@ -170,16 +183,16 @@ fn chunk_sums(
     let folds = fold_of_pose.iter().max().map_or(0, |most| most + 1);
     let mut sums = vec![vec![Sums::new(groups, count); folds]; chunk.count];
     let mut features = vec![[0.0; LANES]; groups * count];
+    let mut work = Work::new(placed, groups);
     let (mut row, mut outputs) = (vec![0.0; groups * count], vec![0.0; count]);
     for (pose, &fold) in fold_of_pose.iter().enumerate() {
         features.fill([0.0; LANES]);
-        explained.blocked(placed, moved, pose, chunk, points, |view, group| {
-            // Blocked: what is taken away.
-            add(view, kind, &[-1.0; LANES], &mut features[group * count..(group + 1) * count]);
-        });
+        let seen = Seen { moved, pose, chunk, points };
+        explained.blocked(placed, &seen, &Weighing::Groups, &mut work, &mut features);
         let values = block.pose(pose, poses);
         for (lane, sums) in sums.iter_mut().enumerate() {
-            row.iter_mut().zip(&features).for_each(|(x, lanes)| *x = lanes[lane]);
+            // Blocked: what is taken away.
+            row.iter_mut().zip(&features).for_each(|(x, lanes)| *x = -lanes[lane]);
             let channels = &values[chunk.points[lane] * width..][..width];
             let share = count as f32 / width as f32;
             outputs.fill(0.0);

@@ -5,7 +5,7 @@
 //! for all points around it. So clusters of these centres, bone by bone, are cross-sections of
 //! limbs and parts of a trunk rather than patches of skin, and fill the body from inside.
 
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 
 use crate::fit::Error;
 use crate::fit::geometry::Geometry;
@@ -22,6 +22,11 @@ const RADII: [f32; 2] = [0.001, 0.15];
 const NORMAL_LENGTH: f32 = 0.025;
 /// Spheres are this much larger than the mean of their balls, to close the gaps between them.
 const INFLATION: f32 = 1.2;
+/// Half the length of an ellipsoid's axis beyond its balls' mean radius, in standard deviations of
+/// their centres along it: short of √3, which would be that of a rod, since its ends are round.
+const ELONGATION: f32 = 1.2;
+/// Smallest radius of an ellipsoid, over the same diagonal.
+const THINNEST: f32 = 0.004;
 /// Most rounds of shrinking a ball.
 const ROUNDS: usize = 12;
 /// A ball that would shrink by less than this is found.
@@ -36,6 +41,18 @@ pub(super) struct Spheres {
     pub(super) offsets: Vec<Vec3>,
     /// Metres.
     pub(super) radii: Vec<f32>,
+    /// As [`crate::model::Occluders::shapes`]; empty where spheres were asked for.
+    pub(super) shapes: Vec<f32>,
+}
+
+/// What is cut.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Proxy {
+    /// Of the balls' mean radius, a little larger.
+    Sphere,
+    /// Of the balls' mean radius and, along each axis, as long as their centres are spread: limbs are
+    /// rods, capes and blades are discs.
+    Ellipsoid,
 }
 
 /// A point that is looked at.
@@ -52,7 +69,7 @@ struct Sample {
 }
 
 /// Cuts `count` spheres, or as many as the mesh allows; at least one for every bone.
-pub(super) fn cut(geometry: &Geometry<'_>, count: usize) -> Result<Spheres, Error> {
+pub(super) fn cut(geometry: &Geometry<'_>, count: usize, proxy: Proxy) -> Result<Spheres, Error> {
     let rest = geometry.rest();
     let areas = geometry.areas(&rest.positions);
     let diagonal = diagonal(&rest.positions);
@@ -69,9 +86,44 @@ pub(super) fn cut(geometry: &Geometry<'_>, count: usize) -> Result<Spheres, Erro
         let carried: Vec3 = anchors.iter().map(|s| s.position).sum::<Vec3>() / ANCHORS as f32;
         spheres.anchors.extend(anchors.iter().map(|s| s.point));
         spheres.offsets.push(centre - carried);
-        spheres.radii.push(INFLATION * radius);
+        if proxy == Proxy::Sphere {
+            spheres.radii.push(INFLATION * radius);
+            continue;
+        }
+        let (axes, spread) = spread_of(&cluster, |s| s.ball_centre, centre)?;
+        let axis = |variance: f64| {
+            let length = radius + ELONGATION * variance.max(0.0).sqrt() as f32;
+            length.max(THINNEST * diagonal)
+        };
+        let lengths = Vec3::from_array(spread.map(axis));
+        let shape = axes * Mat3::from_diagonal(lengths.recip()) * axes.transpose();
+        let [x, y, z] = [shape.x_axis, shape.y_axis, shape.z_axis];
+        spheres.shapes.extend([x.x, y.y, z.z, z.y, z.x, y.x]);
+        spheres.radii.push(lengths.max_element());
     }
     Ok(spheres)
+}
+
+/// Principal axes and variances of a value of a cluster's members, by area; the axes are orthonormal,
+/// whichever way they turn.
+fn spread_of(
+    cluster: &[Sample],
+    value: impl Fn(&Sample) -> Vec3,
+    mean: Vec3,
+) -> Result<(Mat3, [f64; 3]), Error> {
+    let area: f32 = cluster.iter().map(|s| s.area).sum();
+    let mut covariance = Mat::<f64>::zeros(3, 3);
+    for sample in cluster {
+        let offset = (value(sample) - mean).as_dvec3();
+        for i in 0..3 {
+            for j in 0..3 {
+                covariance[(i, j)] += f64::from(sample.area / area) * offset[i] * offset[j];
+            }
+        }
+    }
+    let (values, vectors) = symmetric_eigen(covariance.as_ref())?;
+    let axis = |k: usize| Vec3::from_array(std::array::from_fn(|i| vectors[(i, k)] as f32));
+    Ok((Mat3::from_cols(axis(0), axis(1), axis(2)), [values[0], values[1], values[2]]))
 }
 
 fn diagonal(positions: &[Vec3]) -> f32 {
@@ -152,20 +204,10 @@ impl Cluster {
         let values: [fn(&Sample) -> Vec3; 2] = [|s| s.ball_centre, |s| s.normal];
         for value in values.into_iter().take(if members.len() > 1 { 2 } else { 0 }) {
             let mean: Vec3 = members.iter().map(|s| s.area * value(s)).sum::<Vec3>() / area;
-            let mut covariance = Mat::<f64>::zeros(3, 3);
-            for sample in &members {
-                let offset = (value(sample) - mean).as_dvec3();
-                for i in 0..3 {
-                    for j in 0..3 {
-                        covariance[(i, j)] += f64::from(sample.area / area) * offset[i] * offset[j];
-                    }
-                }
-            }
-            let (values, vectors) = symmetric_eigen(covariance.as_ref())?;
+            let (axes, values) = spread_of(&members, value, mean)?;
             let urgency = values[0] * f64::from(area).sqrt();
             if urgency > best.urgency {
-                let axis = Vec3::from_array(std::array::from_fn(|i| vectors[(i, 0)] as f32));
-                best = Self { value, mean, axis, urgency, ..best };
+                best = Self { value, mean, axis: axes.x_axis, urgency, ..best };
             }
         }
         Ok(Self { members, ..best })

@@ -137,7 +137,7 @@ fn settings(signal: Signal) -> Settings {
 /// by `weight(point, group)`, in the root frame.
 fn exact(
     puppet: &Puppet,
-    signal: Signal,
+    (signal, directions): (Signal, usize),
     order: Order,
     weight: impl Fn(usize, usize) -> f32,
 ) -> Vec<f32> {
@@ -145,7 +145,7 @@ fn exact(
     let turns = puppet.turns();
     let root = Settings { frame: Frame::Root, ..settings(signal) };
     let mut explained = Explained::new(&geometry, &root, &turns);
-    let mut placed = place(&geometry, &turns, 12).unwrap();
+    let mut placed = place(&geometry, &turns, 12, directions).unwrap();
     let groups = placed.occluders.groups(puppet.points.count());
     for (i, out) in placed.occluders.weights.iter_mut().enumerate() {
         *out = weight(i / groups, i % groups);
@@ -165,7 +165,7 @@ fn spheres_fill_the_limbs() {
     let puppet = Puppet::new();
     let order = Order::new(1).unwrap();
     let (geometry, turns) = (puppet.geometry(Signal::Ao, order), puppet.turns());
-    let placed = place(&geometry, &turns, 12).unwrap();
+    let placed = place(&geometry, &turns, 12, 0).unwrap();
     let occluders = &placed.occluders;
     assert_eq!(occluders.spheres(), 12);
     assert!(occluders.radii.iter().all(|r| (0.06..0.2).contains(r)), "{:?}", occluders.radii);
@@ -189,7 +189,7 @@ fn what_spheres_block_is_found_again() {
     let order = Order::new(3).unwrap();
     for signal in Signal::ALL.iter().copied() {
         let weight = |point: usize, group: usize| 0.5 + 0.1 * ((point + 3 * group) % 7) as f32;
-        let values = exact(&puppet, signal, order, weight);
+        let values = exact(&puppet, (signal, 0), order, weight);
         let training = puppet.training(signal.coefficients(order), values);
         let geometry = puppet.geometry(signal, order);
         let fitted = fit_posed(&training, &settings(signal), Some(&geometry)).unwrap();
@@ -200,13 +200,49 @@ fn what_spheres_block_is_found_again() {
     }
 }
 
+/// Proves the same of ellipsoids and their union, as far as directions that are fixed in the frame of
+/// each bone see what others, fixed in the root frame, have made.
+#[test]
+fn what_ellipsoids_block_is_found_again() {
+    let puppet = Puppet::new();
+    let order = Order::new(2).unwrap();
+    let directions = 512;
+    for signal in [Signal::Ao, Signal::Transfer] {
+        let weight = |point: usize, _: usize| 0.5 + 0.1 * (point % 7) as f32;
+        let values = exact(&puppet, (signal, directions), order, weight);
+        let training = puppet.training(signal.coefficients(order), values);
+        let geometry = puppet.geometry(signal, order);
+        let settings = Settings { directions, groups: 3, ..settings(signal) };
+        let fitted = fit_posed(&training, &settings, Some(&geometry)).unwrap();
+        let report = fitted.report.occluders.clone().unwrap();
+        assert!(report.training_rmse < 0.2 * report.spread_rms, "{signal} {report:?}");
+        assert_eq!(fitted.occluders.unwrap().directions, directions);
+    }
+}
+
+/// Proves that ellipsoids are rods in limbs: their longest axes run along the bones, and are longer
+/// than the others.
+#[test]
+fn ellipsoids_lie_along_the_limbs() {
+    let puppet = Puppet::new();
+    let order = Order::new(1).unwrap();
+    let (geometry, turns) = (puppet.geometry(Signal::Ao, order), puppet.turns());
+    let placed = place(&geometry, &turns, 3, 64).unwrap();
+    assert_eq!((placed.occluders.spheres(), placed.centres.len()), (3, 0));
+    for shape in placed.occluders.shapes.as_chunks::<6>().0 {
+        let [across, along] = [1.0 / shape[0], 1.0 / shape[1]];
+        assert!((0.07..0.13).contains(&across), "{shape:?}");
+        assert!(along > 2.0 * across, "{shape:?}");
+    }
+}
+
 /// Proves that merging leaves as many groups as asked for, of which the model knows no others, and
 /// that data which weigh all groups alike are described as well as with all groups.
 #[test]
 fn merged_groups_are_enough_where_weights_agree() {
     let puppet = Puppet::new();
     let order = Order::new(1).unwrap();
-    let values = exact(&puppet, Signal::Ao, order, |point, _| 0.5 + 0.1 * (point % 7) as f32);
+    let values = exact(&puppet, (Signal::Ao, 0), order, |point, _| 0.5 + 0.1 * (point % 7) as f32);
     let training = puppet.training(1, values);
     let geometry = puppet.geometry(Signal::Ao, order);
     for groups in [1, 2] {
@@ -226,7 +262,7 @@ fn merged_groups_are_enough_where_weights_agree() {
 fn noise_leaves_shared_weights() {
     let puppet = Puppet::new();
     let order = Order::new(1).unwrap();
-    let mut values = exact(&puppet, Signal::Ao, order, |_, _| 0.8);
+    let mut values = exact(&puppet, (Signal::Ao, 0), order, |_, _| 0.8);
     let mut stream = Stream::new(8);
     values.iter_mut().for_each(|x| *x += 0.05 * stream.normal() as f32);
     let training = puppet.training(1, values);

@@ -24,6 +24,7 @@ pub(super) const BONE_OF_POINT: &str = "map.bone_of_point";
 pub(super) const OCCLUDER_WEIGHTS: &str = "occluder.weights";
 pub(super) const OCCLUDER_OFFSETS: &str = "occluder.offsets";
 pub(super) const OCCLUDER_RADII: &str = "occluder.radii";
+pub(super) const OCCLUDER_SHAPES: &str = "occluder.shapes";
 pub(super) const OCCLUDER_ANCHORS: &str = "map.occluder_anchors";
 pub(super) const OCCLUDER_GROUPS: &str = "map.occluder_groups";
 
@@ -283,7 +284,8 @@ pub(super) fn sizes(model: &Model, precision: Precision) -> Sizes {
         let anchors = occluders.anchors.len() * index_dtype(shape.points).1;
         sizes.scales += if precision == Precision::I8 { 4 * groups as u64 } else { 0 };
         sizes.occluders = occluders.weights.len() as u64 * precision.bytes()
-            + (16 * occluders.spheres() + anchors + occluders.group_of.len()) as u64;
+            + (16 * occluders.spheres() + 4 * occluders.shapes.len() + anchors) as u64
+            + occluders.group_of.len() as u64;
     }
     sizes
 }

@@ -15,9 +15,9 @@ use super::super::{
 };
 use super::layout::{
     BASIS, BONE_OF_POINT, CLUSTER_OF_POINT, COEFFICIENTS, DIRECTIONS, Detail, Entry, MEAN,
-    OCCLUDER_ANCHORS, OCCLUDER_GROUPS, OCCLUDER_OFFSETS, OCCLUDER_RADII, POINT_OF_VERTEX,
-    PROJECTION, ROW_OF_POINT, cluster_name, decoder, entries, index_dtype, number_dtype,
-    occluder_weights,
+    OCCLUDER_ANCHORS, OCCLUDER_GROUPS, OCCLUDER_OFFSETS, OCCLUDER_RADII, OCCLUDER_SHAPES,
+    POINT_OF_VERTEX, PROJECTION, ROW_OF_POINT, cluster_name, decoder, entries, index_dtype,
+    number_dtype, occluder_weights,
 };
 use super::quantise::{decode, f32_values, index_values};
 
@@ -92,11 +92,17 @@ fn occluders(
         [header.mesh.points, sizes.spheres, sizes.groups].map(|size| size as usize);
     let bones = header.rig.bones.len();
     let (of_anchors, of_groups) = ([spheres, ANCHORS], [bones, spheres]);
+    let shapes = match sizes.directions {
+        0 => Vec::new(),
+        _ => f32_values(tensors.take(OCCLUDER_SHAPES, Dtype::F32, &[spheres, 6])?),
+    };
     let groups_of = tensors.indices(OCCLUDER_GROUPS, &of_groups, groups)?;
     Ok(Occluders {
         anchors: tensors.indices(OCCLUDER_ANCHORS, &of_anchors, points)?,
         offsets: f32_values(tensors.take(OCCLUDER_OFFSETS, Dtype::F32, &[spheres, 3])?),
         radii: f32_values(tensors.take(OCCLUDER_RADII, Dtype::F32, &[spheres])?),
+        shapes,
+        directions: sizes.directions as usize,
         // At most 256 groups, so every index was stored in a byte.
         group_of: groups_of.into_iter().map(|group| group as u8).collect(),
         weights: tensors.numbers(&occluder_weights(points, groups), header.precision)?,

@@ -10,8 +10,8 @@ use super::super::occluder::ANCHORS;
 use super::super::{Error, Header, Model, Precision};
 use super::layout::{
     BONE_OF_POINT, DIRECTIONS, Detail, OCCLUDER_ANCHORS, OCCLUDER_GROUPS, OCCLUDER_OFFSETS,
-    OCCLUDER_RADII, POINT_OF_VERTEX, arrays, entries, index_dtype, number_dtype, occluder_weights,
-    own_map,
+    OCCLUDER_RADII, OCCLUDER_SHAPES, POINT_OF_VERTEX, arrays, entries, index_dtype, number_dtype,
+    occluder_weights, own_map,
 };
 use super::quantise::{encode, f32_bytes, index_bytes};
 
@@ -102,7 +102,11 @@ fn tensors(model: &Model, precision: Precision) -> Result<Vec<(String, Tensor)>,
         for (name, shape, values) in [
             (OCCLUDER_OFFSETS, vec![spheres, 3], &occluders.offsets),
             (OCCLUDER_RADII, vec![spheres], &occluders.radii),
+            (OCCLUDER_SHAPES, vec![spheres, 6], &occluders.shapes),
         ] {
+            if values.is_empty() {
+                continue;
+            }
             let tensor = Tensor { dtype: Dtype::F32, shape, bytes: f32_bytes(values) };
             tensors.push((name.to_owned(), tensor));
         }

@@ -4,6 +4,8 @@
 //! the direction ω to its centre; c = n·ω. Every function takes [`LANES`] points at once, in plain
 //! arrays that the compiler turns into vectors.
 
+use glam::Mat3;
+
 use crate::sh::{MAX_BANDS, Order};
 
 /// Points that are looked at together.
@@ -11,6 +13,20 @@ pub const LANES: usize = 16;
 
 /// One number of each of [`LANES`] points.
 pub type Lanes = [f32; LANES];
+
+/// Vectors, by axis, in turned axes.
+#[inline(always)]
+#[must_use]
+pub fn rotate(turn: &Mat3, [x, y, z]: &[Lanes; 3]) -> [Lanes; 3] {
+    let [mx, my, mz] = [turn.x_axis, turn.y_axis, turn.z_axis];
+    let (mut a, mut b, mut c) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+    for i in 0..LANES {
+        a[i] = mx.x * x[i] + my.x * y[i] + mz.x * z[i];
+        b[i] = mx.y * x[i] + my.y * y[i] + mz.y * z[i];
+        c[i] = mx.z * x[i] + my.z * y[i] + mz.z * z[i];
+    }
+    [a, b, c]
+}
 
 /// The square of a distance, in units of the square of a radius, below which a point counts as at
 /// the centre: keeps directions finite.

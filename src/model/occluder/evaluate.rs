@@ -21,20 +21,20 @@ const CELLS: f32 = 16.0;
 
 /// Points of one bone that are looked at together, and their weights.
 #[derive(Debug, Clone)]
-struct Chunk {
-    bone: u16,
+pub(super) struct Chunk {
+    pub(super) bone: u16,
     /// The last one repeats where there are fewer.
-    points: [u32; LANES],
-    count: usize,
+    pub(super) points: [u32; LANES],
+    pub(super) count: usize,
     /// `[group]`.
-    weights: Vec<Lanes>,
+    pub(super) weights: Vec<Lanes>,
 }
 
 /// Occluders laid out for evaluation.
 #[derive(Debug, Clone)]
 pub(in crate::model) struct Seen {
     groups: usize,
-    bone_of_point: Vec<u16>,
+    pub(super) bone_of_point: Vec<u16>,
     /// Made in the first pose that is seen: which points are together changes no result, only how
     /// many spheres can be passed over.
     chunks: OnceLock<Vec<Chunk>>,
@@ -46,7 +46,7 @@ impl Seen {
         Self { groups, bone_of_point: bone_of_point.to_vec(), chunks: OnceLock::new() }
     }
 
-    fn chunks(&self, occluders: &Occluders, surface: Surface<'_>) -> &[Chunk] {
+    pub(super) fn chunks(&self, occluders: &Occluders, surface: Surface<'_>) -> &[Chunk] {
         self.chunks.get_or_init(|| {
             let order = order(&self.bone_of_point, surface);
             let bone = |point: u32| self.bone_of_point[point as usize];
@@ -123,14 +123,14 @@ fn interleaved(cell: [u32; 3]) -> u32 {
 }
 
 /// The spheres of a pose, [`LANES`] at a time.
-struct Spheres {
+pub(super) struct Spheres {
     /// By axis; beyond the last one with a radius of −∞, which nothing sees.
     centres: [Vec<Lanes>; 3],
     radii: Vec<Lanes>,
 }
 
 impl Spheres {
-    fn new(centres: &[Vec3], radii: &[f32]) -> Self {
+    pub(super) fn new(centres: &[Vec3], radii: &[f32]) -> Self {
         let blocks = centres.len().div_ceil(LANES);
         let lanes = |at: &dyn Fn(usize) -> Option<f32>, beyond: f32| -> Vec<Lanes> {
             let one = |i: usize| at(i).unwrap_or(beyond);
@@ -146,7 +146,7 @@ impl Spheres {
     /// Calls `see` with every sphere of which a part may be above the horizon of a point: where
     /// the largest n·(q − x) over the boxes of n and of x exceeds −r. Ascending.
     #[inline(always)]
-    fn above(
+    pub(super) fn above(
         &self,
         position: &[Lanes; 3],
         normal: &[Lanes; 3],
@@ -261,7 +261,7 @@ fn subtract_harmonics(
 
 /// Positions and normals of the listed points, by axis.
 #[inline(always)]
-fn gather(surface: Surface<'_>, points: &[u32; LANES]) -> ([Lanes; 3], [Lanes; 3]) {
+pub(super) fn gather(surface: Surface<'_>, points: &[u32; LANES]) -> ([Lanes; 3], [Lanes; 3]) {
     let (mut position, mut normal) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
     for (lane, &point) in points.iter().enumerate() {
         let p = surface.positions[point as usize].to_array();

@@ -29,6 +29,11 @@ pub(in crate::num::kernels) fn run<R>(work: impl FnOnce() -> R) -> R {
     work()
 }
 
+#[inline]
+pub(in crate::num::kernels) fn perform<T: super::Task>(task: T) -> T::Output {
+    task.perform()
+}
+
 /// Adds N columns of 8 rows from `start` on to the sums.
 #[inline]
 fn add<const N: usize>(lanes: &Lanes, start: usize, right: [f32; N], sums: &mut [[f32; PASS]; N]) {

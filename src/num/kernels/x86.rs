@@ -149,6 +149,12 @@ macro_rules! kernels {
             }
 
             #[target_feature(enable = $feature)]
+            #[inline]
+            pub(in crate::num::kernels) fn perform<T: super::super::Task>(task: T) -> T::Output {
+                task.perform()
+            }
+
+            #[target_feature(enable = $feature)]
             pub(in crate::num::kernels) fn exercise(rounds: u64, a: f32, b: f32) -> f32 {
                 let (a, b) = ($set1(a), $set1(b));
                 let mut sums = [a; CHAINS];

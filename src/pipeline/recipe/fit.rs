@@ -26,6 +26,9 @@ pub const DEFAULT_SPHERES: u32 = 100;
 /// Groups of spheres that the points of a bone tell apart where no number is asked for.
 pub const DEFAULT_GROUPS: u32 = 12;
 
+/// Directions in which the union of occluders is looked at, for harmonics where no number is asked for.
+pub const DEFAULT_DIRECTIONS: u32 = 256;
+
 /// Output dimensions of `pca-linear` where none are asked for; likewise.
 pub const DEFAULT_OUTPUTS: u32 = 22;
 
@@ -71,6 +74,11 @@ pub struct FitRecipe {
     /// 12, or as many as the bones have where that is fewer.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub groups: Option<u32>,
+    /// Directions in which the union of the occluders is looked at, ellipsoids then: a multiple of 16
+    /// from 64 to 4096, or 0 for the plain sum of what spheres block, which is quicker and less
+    /// accurate. When absent 0 for ambient occlusion, else 256.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub directions: Option<u32>,
     /// Distance, in typical ones of training poses, beyond which a pose is drawn towards the mean
     /// pose: 0 to 1000. When absent poses are taken as they are; a choice by target finds its own.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -114,6 +122,7 @@ impl Default for FitRecipe {
             unshadowed: None,
             spheres: None,
             groups: None,
+            directions: None,
             reach: None,
             include_rest: false,
             without: Vec::new(),
