@@ -6,7 +6,7 @@
 //!
 //! An ellipsoid is |M (x − c)| ≤ 1 with a symmetric M. In the space that M makes, it is the unit ball
 //! and fills a cap: with p = M (c − x), s = min(1/|p|, 1), κ = √(1 − s²), u = Mω/|Mω| for a direction
-//! ω, and σ = [`SOFTNESS`] / N for N directions,
+//! ω, and σ = 6.4 / N for N directions,
 //! covered(ω) = h · clamp((p·u/|p| − e)/σ + ½, 0, 1), e = min(κ, 1 − σ/2), h = min(1, 2(1 − κ)/σ):
 //! a cap with an edge as wide as the directions are apart, and of the cap's own solid angle. An
 //! ellipsoid whose ball is below a point's horizon blocks nothing there.
