@@ -1,9 +1,10 @@
 //! `cargo bench --bench light`: what light and reflection cost, on one core unless it says otherwise.
+//! A word after `--` picks the parts that have it in their names.
 //!
-//! Products of spherical harmonics by the sparse tensor beside the dense one; zonal lobes of the
-//! environment maps of the asset folder where there is one; operators of reflectances and how many
-//! points they shade; shadows of spheres beside sequential products and beside looking;
-//! horizons of a height field. Every round
+//! Products of spherical harmonics by the sparse tensor beside the dense one; rotation, product and
+//! projection beside slow integration; zonal lobes of the environment maps of the asset folder where
+//! there is one; operators of reflectances and how many points they shade; shadows of spheres beside
+//! sequential products and beside looking; horizons of a height field beside traced ones. Every round
 //! of a comparison runs all contestants in turn, and the best round counts.
 
 #![expect(clippy::print_stdout, reason = "a benchmark prints its tables")]
@@ -17,22 +18,31 @@ use std::time::Instant;
 use glam::{Mat3, Quat, Vec3};
 use poselight::num::random::Stream;
 use poselight::scene;
-use poselight::sh::{Order, TripleProduct, evaluate_f64, gauss_legendre};
+use poselight::sh::{Order, Rotation, TripleProduct, evaluate_f64, gauss_legendre};
 use poselight::shade::{
-    Brdf, EnvironmentMap, HeightField, HorizonShadows, Reflectance, Reflector, ShLight, Sphere,
-    SphereShadows, ZonalLight, factor,
+    Brdf, EnvironmentMap, GlobalReflector, HeightField, HorizonShadows, Reflectance, Reflector,
+    ShLight, Sphere, SphereShadows, ZonalLight, factor,
 };
 use rayon::prelude::*;
 
 const ROUNDS: usize = 60;
 
 fn main() {
-    products();
-    lobes();
-    reflection();
-    shading();
-    shadows();
-    heights();
+    let words: Vec<String> = std::env::args().skip(1).filter(|w| !w.starts_with('-')).collect();
+    let parts: [(&str, fn()); 7] = [
+        ("products", products),
+        ("agreement", agreement),
+        ("lobes", lobes),
+        ("reflection", reflection),
+        ("points", shading),
+        ("spheres", shadows),
+        ("heights", heights),
+    ];
+    for (name, part) in parts {
+        if words.is_empty() || words.iter().any(|word| name.contains(word.as_str())) {
+            part();
+        }
+    }
 }
 
 fn order(bands: u8) -> Order {
@@ -114,6 +124,93 @@ fn products() {
     }
 }
 
+/// Directions over the sphere with their solid angles, exact for polynomials of degree 2 · nodes − 1.
+fn sphere(nodes: usize) -> Vec<([f64; 3], f64)> {
+    let ring = |(z, weight): (f64, f64)| {
+        let r = (1.0 - z * z).sqrt();
+        (0..2 * nodes).map(move |k| {
+            let (sin, cos) = (PI * k as f64 / nodes as f64).sin_cos();
+            ([r * cos, r * sin, z], weight * PI / nodes as f64)
+        })
+    };
+    gauss_legendre(nodes).into_iter().flat_map(ring).collect()
+}
+
+/// The largest difference at order 10 from integration over directions, of coefficients about 1.
+fn agreement() {
+    let n = order(10);
+    let directions = sphere(24);
+    let both: Vec<f64> = numbers(200).iter().map(|&x| f64::from(x)).collect();
+    let (a, b) = both.split_at(100);
+    let project = |f: &dyn Fn([f64; 3]) -> f64| -> Vec<f64> {
+        let (mut out, mut y) = (vec![0.0; 100], vec![0.0; 100]);
+        for (direction, area) in &directions {
+            evaluate_f64(n, *direction, &mut y);
+            let value = area * f(*direction);
+            out.iter_mut().zip(&y).for_each(|(out, y)| *out += value * y);
+        }
+        out
+    };
+    let at = |c: &[f64], direction: [f64; 3]| -> f64 {
+        let mut y = [0.0; 100];
+        evaluate_f64(n, direction, &mut y);
+        c.iter().zip(&y).map(|(c, y)| c * y).sum()
+    };
+    let apart = |a: &[f64], b: &[f64]| -> f64 {
+        a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    };
+    let q = glam::DQuat::from_xyzw(0.2, -0.5, 0.3, 0.7).normalize();
+    let back = q.inverse();
+    let turned = project(&|d| at(a, (back * glam::DVec3::from(d)).to_array()));
+    let mut rotation = Rotation::identity(n);
+    rotation.set_f64(q.to_array());
+    let mut found = vec![0.0; 100];
+    rotation.apply_f64(a, &mut found);
+    let rotated = apart(&found, &turned);
+    let gamma = TripleProduct::new(n, n, n);
+    gamma.product_f64(a, b, &mut found);
+    let multiplied = apart(&found, &project(&|d| at(a, d) * at(b, d)));
+    let mut worst = 0.0_f64;
+    let unit = |i: usize| -> Vec<f64> { (0..100).map(|k| f64::from(u8::from(i == k))).collect() };
+    for j in [0, 7, 30, 64, 99] {
+        let (e, mut matrix) = (unit(j), vec![0.0; 10_000]);
+        gamma.matrix_f64(&e, &mut matrix);
+        for k in [1, 20, 55, 90] {
+            let slow = project(&|d| at(&e, d) * at(&unit(k), d));
+            let column: Vec<f64> = (0..100).map(|i| matrix[i * 100 + k]).collect();
+            worst = worst.max(apart(&column, &slow));
+        }
+    }
+    let texels: Vec<[f32; 3]> = numbers(8 * 4).iter().map(|x| [x.abs(); 3]).collect();
+    let map = EnvironmentMap { width: 8, height: 4, texels: &texels };
+    let (light, _) = map.project(n).unwrap();
+    let slow = texels_by_hand(&texels, n);
+    let projected = apart(&light.colours()[0], &slow);
+    println!(
+        "\n| order 10, f64 | rotation | product | Γ | projection of 8 × 4 texels |\n|---|---|---|---|---|\n| largest difference from integration | {rotated:.1e} | {multiplied:.1e} | {worst:.1e} | {projected:.1e} |"
+    );
+}
+
+/// A map of 8 × 4 texels integrated by 32 · 32 nodes a texel.
+fn texels_by_hand(texels: &[[f32; 3]], n: Order) -> Vec<f64> {
+    let (mut out, mut y) = (vec![0.0; n.coefficients()], vec![0.0; n.coefficients()]);
+    let nodes = gauss_legendre(32);
+    for (i, texel) in texels.iter().enumerate() {
+        for (a, wa) in &nodes {
+            for (b, wb) in &nodes {
+                let u = ((i % 8) as f64 + 0.5 + 0.5 * a) / 8.0;
+                let v = ((i / 8) as f64 + 0.5 + 0.5 * b) / 4.0;
+                let (azimuth, polar) = (2.0 * PI * (u - 0.5), PI * v);
+                let r = polar.sin();
+                evaluate_f64(n, [r * azimuth.cos(), polar.cos(), r * azimuth.sin()], &mut y);
+                let share = wa * wb * 0.25 * 2.0 * PI * PI / 32.0 * r * f64::from(texel[0]);
+                out.iter_mut().zip(&y).for_each(|(out, y)| *out += share * y);
+            }
+        }
+    }
+    out
+}
+
 /// Every map of the asset folder at order 4.
 fn lobes() {
     let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/assets");
@@ -165,49 +262,73 @@ fn brdfs() -> Vec<(&'static str, Brdf)> {
     ]
 }
 
-/// Operators: the time of one, and the error of the factored reflectance.
+/// Operators: the time of one, and the errors of the factored reflectance over terms and orders.
 fn reflection() {
     println!(
-        "\n| reflectance | operator of 8 terms, order 4 | error, order 4: 1 term | 2 | 4 | 8 | 16 | 8 terms, order 2 | 3 | 6 |\n|---|---|---|---|---|---|---|---|---|---|"
+        "\n| operator of 8 terms, order 4 | time | bytes a colour | error | of it detail finer than the bands | of what a light of these bands shows |\n|---|---|---|---|---|---|"
+    );
+    let percent = |error: f64| format!("{:.1} %", 100.0 * error);
+    let nodes = |brdf: &Brdf| if brdf.is_isotropic() { 96 } else { 32 };
+    for (name, brdf) in brdfs() {
+        let start = Instant::now();
+        let factored = factor(&brdf, order(4), nodes(&brdf)).unwrap();
+        let operators = factored.each_ref().map(|colour| colour.operator(8));
+        let reflector = black_box(Reflector::new(name, &operators, [0.0; 3]));
+        let seconds = start.elapsed().as_secs_f64();
+        let worst = &factored[0];
+        println!(
+            "| {name} | {seconds:.2} s | {} | {} | {} | {} |",
+            reflector.bytes() / reflector.header().channels,
+            percent(worst.error(8)),
+            percent(worst.band_limit()),
+            percent(worst.lit_error(8))
+        );
+    }
+    println!(
+        "\n| error by terms | order | 1 | 2 | 4 | 8 | 16 | all, the bands' own | of what the light shows: 8 | all |\n|---|---|---|---|---|---|---|---|---|---|"
     );
     for (name, brdf) in brdfs() {
-        let nodes = if brdf.is_isotropic() { 96 } else { 32 };
-        let start = Instant::now();
-        let factored = factor(&brdf, order(4), nodes).unwrap();
-        let operators = factored.each_ref().map(|colour| colour.operator(8));
-        black_box(Reflector::new(name, &operators, [0.0; 3]));
-        let seconds = start.elapsed().as_secs_f64();
-        let percent = |error: f64| format!("{:.1} %", 100.0 * error);
-        let by_terms = [1, 2, 4, 8, 16].map(|k| percent(factored[0].error(k)));
-        let by_order =
-            [2, 3, 6].map(|n| percent(factor(&brdf, order(n), nodes).unwrap()[0].error(8)));
-        println!(
-            "| {name} | {seconds:.2} s | {} | {} |",
-            by_terms.join(" | "),
-            by_order.join(" | ")
-        );
+        for n in [2, 3, 4, 5, 6, 8] {
+            let factored = &factor(&brdf, order(n), nodes(&brdf)).unwrap()[0];
+            let by_terms = [1, 2, 4, 8, 16].map(|k| percent(factored.error(k)));
+            println!(
+                "| {name} | {n} | {} | {} | {} | {} |",
+                by_terms.join(" | "),
+                percent(factored.band_limit()),
+                percent(factored.lit_error(8)),
+                percent(factored.lit_error(usize::MAX))
+            );
+        }
     }
 }
 
-/// Points shaded by an operator of 8 terms and order 4 under three lobes, each in its own frame.
-fn shading() {
-    const POINTS: usize = 14_500;
-    let n = order(4);
-    let mut light = ShLight::cone(n, [0.3, 1.0, 0.2], 0.4, [3.0, 2.5, 2.0]).unwrap();
-    light.add(&ShLight::cone(n, [-0.7, 0.2, 0.4], 0.8, [0.3, 0.4, 0.9]).unwrap());
-    light.add(&ShLight::constant(n, [0.1; 3]).unwrap());
-    let lobes = ZonalLight::fit(&light, 3);
+/// Points to be shaded.
+const POINTS: usize = 14_500;
+
+/// A point: the way into its tangent frame, and where it is seen from there.
+type Point = (Mat3, Vec3);
+
+fn points() -> Vec<Point> {
     let mut stream = Stream::new(3);
     let mut direction = || {
         let v = Vec3::from([0; 3].map(|_| stream.normal() as f32));
         v.normalize_or(Vec3::Z)
     };
-    let points: Vec<(Mat3, Vec3)> = (0..POINTS)
-        .map(|_| {
-            let turn = Quat::from_rotation_arc(direction(), Vec3::Z);
-            (Mat3::from_quat(turn), (direction() + 1.5 * Vec3::Z).normalize())
-        })
-        .collect();
+    let point = |_| {
+        let turn = Quat::from_rotation_arc(direction(), Vec3::Z);
+        (Mat3::from_quat(turn), (direction() + 1.5 * Vec3::Z).normalize())
+    };
+    (0..POINTS).map(point).collect()
+}
+
+/// Points shaded by an operator of 8 terms and order 4 under three lobes, each in its own frame.
+fn shading() {
+    let n = order(4);
+    let mut light = ShLight::cone(n, [0.3, 1.0, 0.2], 0.4, [3.0, 2.5, 2.0]).unwrap();
+    light.add(&ShLight::cone(n, [-0.7, 0.2, 0.4], 0.8, [0.3, 0.4, 0.9]).unwrap());
+    light.add(&ShLight::constant(n, [0.1; 3]).unwrap());
+    let lobes = ZonalLight::fit(&light, 3);
+    let points = points();
     let visibility = numbers(16 * POINTS);
     println!(
         "\n| 14,500 points, 3 lobes, RGB light | threads | ms | frames per second |\n|---|---|---|---|"
@@ -217,39 +338,63 @@ fn shading() {
     {
         let operators = factor(&brdf, n, 48).unwrap().map(|colour| colour.operator(8));
         let reflector = Reflector::new(name, &operators, [0.0; 3]);
-        let shade = |((to_local, view), v): (&(Mat3, Vec3), &[f32])| {
+        let shade = |((to_local, view), v): (&Point, &[f32])| {
             let mut light = [[0.0; 16]; 3];
             let [r, g, b] = &mut light;
             lobes.in_frame(*to_local, [r, g, b]);
             reflector.shade(v, [&light[0], &light[1], &light[2]], *view)
         };
-        let mut out = vec![[0.0; 3]; POINTS];
-        let [one] = best(
-            1,
-            [&mut || {
+        let common = GlobalReflector::new(name, &operators, 256);
+        let expanded = lobes.expand();
+        let single = |colour: &Vec<f64>| -> Vec<f32> { colour.iter().map(|&x| x as f32).collect() };
+        let [r, g, b] = expanded.colours().each_ref().map(single);
+        let in_common = |((to_local, view), v): (&Point, &[f32])| {
+            let (normal, outgoing) = (to_local.row(2), to_local.transpose() * *view);
+            common.shade(common.nearest(normal), v, [&r, &g, &b], outgoing)
+        };
+        let [one, two] = frame_us(&points, &visibility, &shade);
+        let [one_common, two_common] = frame_us(&points, &visibility, &in_common);
+        let kilobytes = common.bytes() / 1000;
+        let other = format!("{name}, one frame for all, 256 normals, {kilobytes} kB");
+        let threads = rayon::current_num_threads();
+        for (name, threads, time) in [
+            (name, 1, one),
+            (name, threads, two),
+            (&other, 1, one_common),
+            (&other, threads, two_common),
+        ] {
+            println!("| {name} | {threads} | {:.2} | {:.0} |", time / 1e3, 1e6 / time);
+        }
+    }
+}
+
+/// Microseconds of a frame on one thread and on all.
+fn frame_us(
+    points: &[Point],
+    visibility: &[f32],
+    shade: &(impl Fn((&Point, &[f32])) -> [f32; 3] + Sync),
+) -> [f64; 2] {
+    let (mut out, mut other) = (vec![[0.0; 3]; POINTS], vec![[0.0; 3]; POINTS]);
+    best(
+        1,
+        [
+            &mut || {
                 let all = points.iter().zip(visibility.chunks_exact(16));
                 out.iter_mut().zip(all).for_each(|(out, point)| *out = shade(point));
                 black_box(&mut out);
-            }],
-        );
-        let mut out = vec![[0.0; 3]; POINTS];
-        let [two] = best(
-            1,
-            [&mut || {
-                out.par_chunks_mut(500).enumerate().for_each(|(block, out)| {
+            },
+            &mut || {
+                other.par_chunks_mut(500).enumerate().for_each(|(block, out)| {
                     let first = block * 500;
                     for (i, out) in out.iter_mut().enumerate() {
                         let v = &visibility[16 * (first + i)..][..16];
                         *out = shade((&points[first + i], v));
                     }
                 });
-                black_box(&mut out);
-            }],
-        );
-        for (threads, time) in [(1, one), (rayon::current_num_threads(), two)] {
-            println!("| {name} | {threads} | {:.2} | {:.0} |", time / 1e3, 1e6 / time);
-        }
-    }
+                black_box(&mut other);
+            },
+        ],
+    )
 }
 
 /// Exponentiated sums of logarithms beside the sequential product of the same visibilities and
@@ -345,7 +490,8 @@ fn look(order: Order, spheres: &[Sphere]) -> Vec<f64> {
     out
 }
 
-/// A field of 512 × 512 at order 4: the time of all points on all threads.
+/// A field of 512 × 512 at order 4: the time of all points on all threads, and the distance from
+/// visibilities by horizons that are looked for at every half sample, in units of open sky.
 fn heights() {
     const SIZE: usize = 512;
     let bump = |i: usize| {
@@ -354,13 +500,15 @@ fn heights() {
     };
     let heights: Vec<f32> = (0..SIZE * SIZE).map(bump).collect();
     println!(
-        "\n| height field of 512 × 512, order 4 | pyramid | all points, {} threads |\n|---|---|---|",
+        "\n| height field of 512 × 512, order 4 | pyramid, of another frame | all points, {} threads | mean distance from traced horizons | largest | of flat ground's |\n|---|---|---|---|---|---|",
         rayon::current_num_threads()
     );
+    let looked = HorizonShadows::new(order(4), 256);
     for azimuths in [16, 32] {
         let shadows = HorizonShadows::new(order(4), azimuths);
+        let mut field = HeightField::new(SIZE, SIZE, 1.0, &heights).unwrap();
         let start = Instant::now();
-        let field = HeightField::new(SIZE, SIZE, 1.0, &heights).unwrap();
+        field.set_heights(&heights).unwrap();
         let pyramid = start.elapsed().as_secs_f64();
         let mut out = vec![0.0; 16 * SIZE * SIZE];
         let start = Instant::now();
@@ -371,6 +519,26 @@ fn heights() {
         });
         black_box(&out);
         let all = start.elapsed().as_secs_f64();
-        println!("| {azimuths} azimuths | {:.0} ms | {:.2} s |", pyramid * 1e3, all);
+        let (mut mean, mut largest, mut flat, places) = (0.0, 0.0_f32, 0.0, 64);
+        for k in 0..places {
+            let (column, row) = (37 + 53 * k % 431, 41 + 97 * k % 419);
+            let mut slow = [0.0; 16];
+            looked.visibility_traced(&field, column, row, 0.5, &mut slow);
+            let found = &out[16 * (row * SIZE + column)..][..16];
+            let apart = |a: &[f32], b: &[f32]| -> f32 {
+                a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f32>().sqrt()
+            };
+            let open = (4.0 * PI).sqrt() as f32;
+            let off = apart(found, &slow) / open;
+            mean += off / places as f32;
+            largest = largest.max(off);
+            let mut level = [0.0; 16];
+            level[0] = open;
+            flat += apart(&level, &slow) / open / places as f32;
+        }
+        println!(
+            "| {azimuths} azimuths | {:.1} ms | {all:.2} s | {mean:.4} | {largest:.4} | {flat:.4} |",
+            pyramid * 1e3
+        );
     }
 }

@@ -27,6 +27,10 @@ pub(crate) struct LightArgs {
     /// [default: 0.01].
     #[arg(long, value_name = "SIZE", requires = "window")]
     pub(crate) window_size: Option<f64>,
+    /// Also fit this many zonal lobes, 1 to 8, one after the other: light that turns into any frame for
+    /// the price of an evaluation.
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u8).range(1..=8))]
+    pub(crate) lobes: Option<u8>,
     /// Also write the coefficients as an array [n², 3] of f32, as `evaluate --light` takes it.
     #[arg(short, long, value_name = "LIGHT.npy")]
     pub(crate) output: Option<PathBuf>,
@@ -42,6 +46,14 @@ pub(crate) enum WindowArg {
     Laplacian,
 }
 
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum CosineArg {
+    /// Into the reflectance, before it is factored.
+    Inside,
+    /// Into a product matrix of its own, which visibility meets first.
+    Matrix,
+}
+
 #[derive(Debug, Args)]
 pub(crate) struct BrdfArgs {
     /// `lambert:ALBEDO` (one or three), `phong:DIFFUSE,SPECULAR,EXPONENT`, `ggx:F0,ALPHA` with a
@@ -55,6 +67,9 @@ pub(crate) struct BrdfArgs {
     /// Terms that are kept, 1 to the square of the order.
     #[arg(long, value_name = "K", default_value_t = 8)]
     pub(crate) terms: usize,
+    /// Where the cosine goes.
+    #[arg(long, value_enum, default_value_t = CosineArg::Inside)]
+    pub(crate) cosine: CosineArg,
     /// Also state the error of every number of terms at every order.
     #[arg(long)]
     pub(crate) curve: bool,

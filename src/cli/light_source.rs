@@ -10,7 +10,7 @@ use super::files;
 use crate::pipeline;
 use crate::scene;
 use crate::sh::Order;
-use crate::shade::{EnvironmentMap, ShLight};
+use crate::shade::{EnvironmentMap, LIGHT_WORDS, ShLight, light_of_words};
 
 /// Bytes of a map's file: the largest map, uncompressed.
 const MOST_BYTES: u64 = 512 << 20;
@@ -28,7 +28,7 @@ pub(super) struct LightSource {
 /// `:R,G,B` after it or white, or the map or the array of that name; `turn` degrees about +Y are added.
 pub(super) fn read_light(source: &str, order: Order, turn: f64) -> anyhow::Result<LightSource> {
     ensure!(turn.is_finite(), "--turn is {turn}; it must be a number of degrees");
-    let mut read = match closed_form(source, order) {
+    let mut read = match light_of_words(source, order) {
         Some(light) => LightSource {
             light: light.with_context(|| format!("light `{source}`"))?,
             map: Value::Null,
@@ -39,7 +39,9 @@ pub(super) fn read_light(source: &str, order: Order, turn: f64) -> anyhow::Resul
             map: Value::Null,
             notices: Vec::new(),
         },
-        None if !Path::new(source).exists() => bail!("light `{source}` is {NEITHER}"),
+        None if !Path::new(source).exists() => {
+            bail!("light `{source}` is no file, and none of {LIGHT_WORDS}")
+        }
         None => from_map(Path::new(source), order)?,
     };
     if turn != 0.0 {
@@ -47,10 +49,6 @@ pub(super) fn read_light(source: &str, order: Order, turn: f64) -> anyhow::Resul
     }
     Ok(read)
 }
-
-/// What a word is that names no light.
-const NEITHER: &str = "no file, and none of constant, directional:X,Y,Z, cone:X,Y,Z,DEGREES and \
-     sphere:X,Y,Z,RADIUS";
 
 /// Whether a light is given by its coefficients.
 pub(super) fn is_array(source: &str) -> bool {
@@ -78,44 +76,6 @@ fn from_array(path: &Path, order: Order) -> anyhow::Result<ShLight> {
     ensure!(finite, "{} has coefficients that are no numbers", path.display());
     let colour = |c: usize| read[c % read.len()].iter().map(|&value| f64::from(value)).collect();
     Ok(ShLight::from_coefficients(order, [0, 1, 2].map(colour)))
-}
-
-/// `None` where the word before the first colon is none of ours: a file's name.
-fn closed_form(source: &str, order: Order) -> Option<anyhow::Result<ShLight>> {
-    let mut parts = source.split(':');
-    let name = parts.next().unwrap_or_default();
-    let wanted = match name {
-        "constant" => 0,
-        "directional" => 3,
-        "cone" | "sphere" => 4,
-        _ => return None,
-    };
-    Some((|| {
-        let numbers = if wanted == 0 { Vec::new() } else { numbers(parts.next(), wanted)? };
-        let colour = match parts.next() {
-            None => [1.0; 3],
-            given => <[f64; 3]>::try_from(self::numbers(given, 3)?).unwrap_or([1.0; 3]),
-        };
-        ensure!(parts.next().is_none(), "has too many parts");
-        Ok(match (name, numbers.as_slice()) {
-            ("directional", &[x, y, z]) => ShLight::directional(order, [x, y, z], colour)?,
-            ("cone", &[x, y, z, degrees]) => {
-                ShLight::cone(order, [x, y, z], degrees.to_radians(), colour)?
-            }
-            ("sphere", &[x, y, z, radius]) => ShLight::sphere(order, [x, y, z], radius, colour)?,
-            _ => ShLight::constant(order, colour)?,
-        })
-    })())
-}
-
-/// Numbers between commas, as many as are wanted.
-fn numbers(text: Option<&str>, wanted: usize) -> anyhow::Result<Vec<f64>> {
-    let text = text.unwrap_or_default();
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
-    match numbers {
-        Ok(numbers) if numbers.len() == wanted => Ok(numbers),
-        _ => bail!("wants {wanted} numbers between commas where it has `{text}`"),
-    }
 }
 
 fn from_map(path: &Path, order: Order) -> anyhow::Result<LightSource> {
@@ -154,30 +114,12 @@ mod tests {
         read_light(source, Order::new(4).expect("order"), 0.0)
     }
 
-    /// Each closed form is read with and without a colour; what is wrong is said with its text.
+    /// What is wrong is said with the words that it is wrong in; what is no light is told with what
+    /// would be one.
     #[test]
-    fn words_are_lights() {
-        let order = Order::new(4).expect("order");
-        let expected = [
-            ("constant", ShLight::constant(order, [1.0; 3])),
-            ("constant:1,2,3", ShLight::constant(order, [1.0, 2.0, 3.0])),
-            ("directional:0, 1,0", ShLight::directional(order, [0.0, 1.0, 0.0], [1.0; 3])),
-            ("cone:1,0,0,90:1,0,0", {
-                let half_angle = 90_f64.to_radians();
-                ShLight::cone(order, [1.0, 0.0, 0.0], half_angle, [1.0, 0.0, 0.0])
-            }),
-            ("sphere:0,3,0,1", ShLight::sphere(order, [0.0, 3.0, 0.0], 1.0, [1.0; 3])),
-        ];
-        for (source, expected) in expected {
-            assert_eq!(light(source).expect(source).light, expected.expect(source), "{source}");
-        }
+    fn other_words_are_refused() {
         for (source, word) in [
-            ("cone:1,0,0", "wants 4 numbers"),
-            ("cone:1,0,0,x", "`1,0,0,x`"),
-            ("constant:1,2", "wants 3 numbers"),
-            ("constant:1,2,3:4", "too many parts"),
-            ("sphere:0,1,0,2", "radius 2 at distance 1"),
-            ("directional", "wants 3 numbers"),
+            ("cone:1,0,0", "light `cone:1,0,0`: wants 4 numbers"),
             ("no-such-map.hdr", "`no-such-map.hdr` is no file, and none of constant"),
             ("sun:0,1,0", "`sun:0,1,0` is no file"),
             ("no-such.npy", "no-such.npy"),

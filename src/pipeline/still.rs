@@ -13,7 +13,7 @@ use crate::render::{Camera, Image, Light, Panel, Picture, Stage, captioned, shee
 use crate::rig::{self, Deformed, Pose, RigidFrame};
 use crate::scene::{Clip, Scene};
 use crate::sh::Order;
-use crate::shade::{Brdf, Reflectance, Reflector, ShLight, factor};
+use crate::shade::{Brdf, Material, Reflectance, Reflector, ShLight, factor};
 use crate::trace;
 use settings::check;
 pub use settings::{MOST_STILL_FRAMES, STILL_SIZES, Still, StillError};
@@ -63,8 +63,8 @@ pub fn still(
         .as_ref()
         .map(|light| order.map_or_else(|| light.clone(), |order| light.resized(order)));
     let brdf = reflectance(model, settings)?;
-    let reflector = match (brdf, order) {
-        (Some(brdf), Some(order)) => Some(reflector(&brdf, order)?),
+    let reflector = match (&brdf, order) {
+        (Some(brdf), Some(order)) => Some(reflector(brdf, order)?),
         _ => None,
     };
     let look = Look {
@@ -102,7 +102,7 @@ struct Look<'a> {
     settings: &'a Still<'a>,
     camera: Camera,
     light: Option<ShLight>,
-    brdf: Option<Brdf>,
+    brdf: Option<Material>,
     /// For a model of visibility.
     reflector: Option<Reflector>,
     exposure: f32,
@@ -205,27 +205,30 @@ fn white(order: Order) -> ShLight {
 
 /// The reflectance of a still: as it is asked for, white Lambert for a model of visibility, else
 /// none, which shades by transfer.
-fn reflectance(model: Option<&Model>, settings: &Still<'_>) -> Result<Option<Brdf>, StillError> {
+fn reflectance(
+    model: Option<&Model>,
+    settings: &Still<'_>,
+) -> Result<Option<Material>, StillError> {
     let signal = model.map(|model| model.header().signal);
-    if let Some(brdf) = settings.brdf
+    if let Some(brdf) = &settings.brdf
         && !brdf.is_isotropic()
     {
         let found = format!("{brdf:?}");
         let range = "isotropic: a still knows no tangents";
         return Err(StillError::Setting { what: "the reflectance", found, range });
     }
-    match (signal, settings.brdf) {
+    match (signal, &settings.brdf) {
         (Some(signal), Some(_)) if signal != Signal::Visibility => {
             Err(StillError::NeedsVisibility { signal: signal.name() })
         }
-        (Some(Signal::Visibility), None) => Ok(Some(Brdf::Lambert { albedo: [1.0; 3] })),
-        (_, brdf) => Ok(brdf),
+        (Some(Signal::Visibility), None) => Ok(Some(Brdf::Lambert { albedo: [1.0; 3] }.into())),
+        (_, brdf) => Ok(brdf.clone()),
     }
 }
 
 /// Eight terms of an operator, or as many as there are.
-fn reflector(brdf: &Brdf, order: Order) -> Result<Reflector, StillError> {
-    let operators = factor(brdf, order, 96)?.map(|colour| colour.operator(8));
+fn reflector(brdf: &Material, order: Order) -> Result<Reflector, StillError> {
+    let operators = factor(brdf, order, brdf.nodes())?.map(|colour| colour.operator(8));
     Ok(Reflector::new("still", &operators, [0.0; 3]))
 }
 

@@ -7,7 +7,7 @@ use super::Camera;
 use crate::num::directions::{Density, Directions};
 use crate::num::random::hash;
 use crate::sh::{MAX_COEFFICIENTS, Order, evaluate, zonal};
-use crate::shade::{Brdf, Reflectance, ShLight};
+use crate::shade::{Reflectance, ShLight};
 use crate::trace::{Device, Error, Hit, Rays, Scene, words_of};
 
 /// Sets of directions that neighbouring pixels choose from.
@@ -140,7 +140,7 @@ impl<'a> Stage<'a> {
         camera: &Camera,
         (samples, rays): (u32, u32),
         light: &ShLight,
-        brdf: &Brdf,
+        brdf: &impl Reflectance,
     ) -> Image {
         let half = rays.max(2).div_ceil(2) as usize;
         let directions = Directions::new(Density::Cosine, SETS, half, 1);

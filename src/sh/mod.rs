@@ -16,7 +16,7 @@ pub mod zonal;
 
 pub use basis::{evaluate, evaluate_f64, evaluate_lanes};
 pub use bent::bent_normal;
-pub use hemisphere::{hemisphere_gram, hemisphere_gram_pole};
+pub use hemisphere::{cosine_product, cosine_product_pole, hemisphere_gram, hemisphere_gram_pole};
 pub use product::TripleProduct;
 pub use quadrature::gauss_legendre;
 pub use rotation::Rotation;

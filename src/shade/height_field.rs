@@ -36,12 +36,7 @@ impl HeightField {
     /// [`Error::Heights`] for a size that does not fit, too many samples, a cell without length, or
     /// heights that are not finite.
     pub fn new(width: usize, height: usize, cell_m: f32, heights: &[f32]) -> Result<Self, Error> {
-        let count = heights.len();
-        let bad = heights.iter().filter(|h| !h.is_finite()).count();
-        let fits = count > 0 && count <= MOST_SAMPLES && width.checked_mul(height) == Some(count);
-        if !fits || bad > 0 || !(cell_m.is_finite() && cell_m > 0.0) {
-            return Err(Error::Heights { width, height, found: count, bad, cell_m });
-        }
+        check([width, height], cell_m, heights)?;
         let mut levels = vec![(width, height, heights.to_vec())];
         loop {
             let (width, height, finer) = &levels[levels.len() - 1];
@@ -51,6 +46,23 @@ impl HeightField {
             levels.push(coarser(*width, *height, finer));
         }
         Ok(Self { cell_m, levels })
+    }
+
+    /// Gives the field other heights, such as those of the next frame, in the memory that it has.
+    ///
+    /// # Errors
+    /// [`Error::Heights`] for another number of heights or heights that are not finite; the field is
+    /// then as it was.
+    pub fn set_heights(&mut self, heights: &[f32]) -> Result<(), Error> {
+        let [width, height] = self.size();
+        check([width, height], self.cell_m, heights)?;
+        self.levels[0].2.copy_from_slice(heights);
+        for level in 1..self.levels.len() {
+            let (finer, coarse) = self.levels.split_at_mut(level);
+            let (width, height, finer) = &finer[level - 1];
+            halve([*width, *height], finer, &mut coarse[0].2);
+        }
+        Ok(())
     }
 
     /// Samples across and down.
@@ -108,18 +120,55 @@ impl HeightField {
         }
         steepest
     }
+
+    /// The same by looking every `step` samples, until nothing lies ahead any more.
+    fn traced(&self, column: usize, row: usize, [cos, sin]: [f32; 2], step: f32) -> f32 {
+        let (x, y) = (column as f32, row as f32);
+        let here = self.at(0, x, y);
+        let [width, height] = self.size().map(|side| side as f32);
+        let mut steepest = f32::NEG_INFINITY;
+        for k in 1..=((width + height) / step).ceil() as u32 {
+            let far = k as f32 * step;
+            let (at_x, at_y) = (x + far * cos, y + far * sin);
+            steepest = steepest.max((self.at(0, at_x, at_y) - here) / (far * self.cell_m));
+            if at_x < 0.0 || at_y < 0.0 || at_x > width || at_y > height {
+                break;
+            }
+        }
+        steepest
+    }
+}
+
+/// Whether so many finite heights are a field of that size.
+fn check([width, height]: [usize; 2], cell_m: f32, heights: &[f32]) -> Result<(), Error> {
+    let found = heights.len();
+    let bad = heights.iter().filter(|h| !h.is_finite()).count();
+    let fits = found > 0 && found <= MOST_SAMPLES && width.checked_mul(height) == Some(found);
+    if fits && bad == 0 && cell_m.is_finite() && cell_m > 0.0 {
+        Ok(())
+    } else {
+        Err(Error::Heights { width, height, found, bad, cell_m })
+    }
+}
+
+/// A level of half the size.
+fn coarser(width: usize, height: usize, finer: &[f32]) -> (usize, usize, Vec<f32>) {
+    let (across, down) = (width.div_ceil(2), height.div_ceil(2));
+    let mut out = vec![0.0; across * down];
+    halve([width, height], finer, &mut out);
+    (across, down, out)
 }
 
 /// Means over 2 × 2 samples; an odd last row or column counts for itself.
-fn coarser(width: usize, height: usize, finer: &[f32]) -> (usize, usize, Vec<f32>) {
-    let (across, down) = (width.div_ceil(2), height.div_ceil(2));
-    let mean = |i: usize| {
-        let (x0, y0) = (2 * (i % across), 2 * (i / across));
-        let (x1, y1) = ((x0 + 1).min(width - 1), (y0 + 1).min(height - 1));
-        let at = |x: usize, y: usize| finer[y * width + x] * 0.25;
-        at(x0, y0) + at(x1, y0) + at(x0, y1) + at(x1, y1)
-    };
-    (across, down, (0..across * down).map(mean).collect())
+fn halve([width, height]: [usize; 2], finer: &[f32], out: &mut [f32]) {
+    for (y, row) in out.chunks_exact_mut(width.div_ceil(2)).enumerate() {
+        let above = &finer[2 * y * width..][..width];
+        let below = &finer[(2 * y + 1).min(height - 1) * width..][..width];
+        for (x, mean) in row.iter_mut().enumerate() {
+            let (left, right) = (2 * x, (2 * x + 1).min(width - 1));
+            *mean = 0.25 * (above[left] + above[right] + below[left] + below[right]);
+        }
+    }
 }
 
 /// Tables for an order and a number of azimuths, for any field of any frame.
@@ -166,6 +215,37 @@ impl HorizonShadows {
     /// # Panics
     /// If there is no such sample, or `out` is shorter than n².
     pub fn visibility(&self, field: &HeightField, column: usize, row: usize, out: &mut [f32]) {
+        self.visibility_by([column, row], field, out, |azimuth| {
+            field.horizon(column, row, azimuth)
+        });
+    }
+
+    /// The same by horizons that are looked for every `step` samples to the field's far edge, at its
+    /// finest level: the slow truth beside [`HorizonShadows::visibility`].
+    ///
+    /// # Panics
+    /// If there is no such sample, `out` is shorter than n², or `step` is not above 0.
+    pub fn visibility_traced(
+        &self,
+        field: &HeightField,
+        column: usize,
+        row: usize,
+        step: f32,
+        out: &mut [f32],
+    ) {
+        assert!(step > 0.0, "a step of {step} samples leads nowhere");
+        self.visibility_by([column, row], field, out, |azimuth| {
+            field.traced(column, row, azimuth, step)
+        });
+    }
+
+    fn visibility_by(
+        &self,
+        [column, row]: [usize; 2],
+        field: &HeightField,
+        out: &mut [f32],
+        horizon: impl Fn([f32; 2]) -> f32,
+    ) {
         let out = &mut out[..self.order.coefficients()];
         out.fill(0.0);
         out[0] = (2.0 * TAU).sqrt();
@@ -173,7 +253,7 @@ impl HorizonShadows {
         let sine = |slope: f32| slope / (1.0 + slope * slope).sqrt();
         for (direction, around) in self.azimuths.iter().zip(&self.around) {
             let tangent = sx * direction[0] + sy * direction[1];
-            let horizon = field.horizon(column, row, *direction);
+            let horizon = horizon(*direction);
             if horizon > tangent {
                 self.block([sine(tangent), sine(horizon)], around, out);
             }
@@ -224,121 +304,4 @@ fn below(order: Order) -> Vec<[f32; MAX_COEFFICIENTS]> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn order(bands: u8) -> Order {
-        Order::new(bands).unwrap()
-    }
-
-    fn open() -> f32 {
-        (2.0 * TAU).sqrt()
-    }
-
-    /// Level ground and a single sample block nothing, at their edges too; a slope that ends in level
-    /// ground is blocked by that ground alone, between the tangent plane and the horizontal.
-    #[test]
-    fn planes_are_open() {
-        let slope: Vec<f32> =
-            (0..64).map(|i| (i % 8) as f32 * 0.5 - (i / 8) as f32 * 0.25).collect();
-        let shadows = HorizonShadows::new(order(4), 32);
-        let mut v = [0.0; 16];
-        shadows.visibility(&HeightField::new(1, 1, 1.0, &[3.0]).unwrap(), 0, 0, &mut v);
-        assert!((v[0] - open()).abs() < 1e-5, "{v:?}");
-        shadows.visibility(&HeightField::new(8, 8, 1.0, &slope).unwrap(), 4, 4, &mut v);
-        // Half of the lune between a plane of slope √(½² + ¼²) and the level, at most.
-        let lune = (0.3125_f32.sqrt().atan() / TAU) * open();
-        assert!(v[0] < open() - 0.5 * lune && v[0] > open() - 1.05 * lune, "{v:?} {lune}");
-        shadows.visibility(&HeightField::new(8, 8, 1.0, &[2.0; 64]).unwrap(), 0, 7, &mut v);
-        assert!((v[0] - open()).abs() < 1e-5 && v[1..].iter().all(|x| x.abs() < 1e-5), "{v:?}");
-    }
-
-    /// Before a long wall of height h at distance d the share of the sphere that is blocked is the
-    /// lune between the ground and the wall's top, atan(h/d)/2π of the sphere.
-    #[test]
-    fn a_wall_has_its_closed_form() {
-        let (size, wall) = (256, 4.0_f32);
-        let heights: Vec<f32> =
-            (0..size * size).map(|i| if i % size >= size / 2 + 4 { wall } else { 0.0 }).collect();
-        let field = HeightField::new(size, size, 1.0, &heights).unwrap();
-        let shadows = HorizonShadows::new(order(2), 128);
-        let mut v = [0.0; 4];
-        shadows.visibility(&field, size / 2, size / 2, &mut v);
-        // The first high sample is 4 away, and heights rise over the sample before it.
-        let blocked = f64::from(1.0 - v[0] / open());
-        let exact = |d: f64| (f64::from(wall) / d).atan() / std::f64::consts::TAU;
-        assert!((exact(5.2)..exact(3.2)).contains(&blocked), "{blocked} {}", exact(4.0));
-        // The dark side is +X: the visible light leans to −X.
-        assert!(v[3] < -0.05, "{v:?}");
-    }
-
-    /// Against horizons that are looked for at every half sample to the edge, over bumpy ground:
-    /// the visibility is near theirs, integrated slowly.
-    #[test]
-    fn bumps_agree_with_traced_horizons() {
-        let size = 48;
-        let bump = |i: usize| {
-            let (x, y) = ((i % size) as f32, (i / size) as f32);
-            3.0 * (x * 0.31).sin() * (y * 0.23).cos() + 1.5 * (x * 0.11 + y * 0.17).sin()
-        };
-        let heights: Vec<f32> = (0..size * size).map(bump).collect();
-        let field = HeightField::new(size, size, 1.0, &heights).unwrap();
-        let n = order(3);
-        let shadows = HorizonShadows::new(n, 32);
-        let (mut found, mut apart) = ([0.0; 9], Vec::new());
-        for (column, row) in [(10, 12), (24, 24), (33, 20), (17, 38), (40, 9)] {
-            shadows.visibility(&field, column, row, &mut found);
-            let expected = traced(&field, n, column, row);
-            let off: f64 =
-                found.iter().zip(&expected).map(|(a, b)| (f64::from(*a) - b).powi(2)).sum();
-            apart.push(off.sqrt() / f64::from(open()));
-        }
-        let mean = apart.iter().sum::<f64>() / apart.len() as f64;
-        assert!(mean < 0.05, "{apart:?}");
-    }
-
-    fn traced(field: &HeightField, order: Order, column: usize, row: usize) -> Vec<f64> {
-        let mut out = vec![0.0; order.coefficients()];
-        let mut y = vec![0.0; order.coefficients()];
-        out[0] = f64::from(open());
-        let (turns, here) = (96, field.at(0, column as f32, row as f32));
-        let [sx, sy] = field.slope(column, row);
-        for k in 0..turns {
-            let (sin, cos) = (TAU * k as f32 / turns as f32).sin_cos();
-            let horizon = (1..200)
-                .map(|step| {
-                    let d = step as f32 * 0.5;
-                    let there = field.at(0, column as f32 + d * cos, row as f32 + d * sin);
-                    (there - here) / d
-                })
-                .fold(f32::NEG_INFINITY, f32::max);
-            let tangent = sx * cos + sy * sin;
-            if horizon <= tangent {
-                continue;
-            }
-            let [low, high] = [tangent, horizon].map(|s| f64::from(s / (1.0 + s * s).sqrt()));
-            for (x, weight) in gauss_legendre(12) {
-                let z = f64::midpoint(low, high) + (high - low) / 2.0 * x;
-                let r = (1.0 - z * z).sqrt();
-                evaluate_f64(order, [r * f64::from(cos), r * f64::from(sin), z], &mut y);
-                let share = weight * (high - low) / 2.0 * f64::from(TAU) / turns as f64;
-                out.iter_mut().zip(&y).for_each(|(out, y)| *out -= share * y);
-            }
-        }
-        out
-    }
-
-    /// NaN, sizes that do not fit and cells without length are refused with the numbers.
-    #[test]
-    fn bad_fields_are_refused() {
-        let refused = |width, height, cell, heights: &[f32], word: &str| {
-            let message = HeightField::new(width, height, cell, heights).unwrap_err().to_string();
-            assert!(message.contains(word), "{message}");
-        };
-        refused(2, 1, 1.0, &[0.0, f32::NAN], "1 of them");
-        refused(2, 2, 1.0, &[0.0; 3], "2 × 2");
-        refused(0, 0, 1.0, &[], "0 × 0");
-        refused(1, 1, 0.0, &[0.0], "0 m");
-        refused(usize::MAX, 2, 1.0, &[0.0], "heights");
-    }
-}
+mod tests;

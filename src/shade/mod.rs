@@ -16,17 +16,21 @@ mod light;
 mod reflection;
 mod sphere_shadow;
 mod window;
+mod words;
 mod zonal_fit;
 
-pub use brdf::{Brdf, Examination, Merl, MerlError, Reflectance, examine};
+pub use brdf::{Brdf, Examination, Material, Merl, MerlError, Reflectance, examine};
 pub use conventions::{D3DX_BANDS, THREE_BANDS, d3dx, filament, three_js};
 pub use environment_map::{EnvironmentMap, MapFacts};
 pub use error::Error;
 pub use height_field::{HeightField, HorizonShadows, MOST_AZIMUTHS};
 pub use light::ShLight;
 #[cfg(feature = "bake")]
-pub use reflection::{Factored, factor};
-pub use reflection::{ReflectionOperator, Reflector, ReflectorError, ReflectorHeader};
+pub use reflection::{Cosine, Factored, factor, factor_by};
+pub use reflection::{
+    GlobalReflector, ReflectionOperator, Reflector, ReflectorError, ReflectorHeader,
+};
 pub use sphere_shadow::{Exponential, Sphere, SphereShadows};
 pub use window::Window;
+pub use words::{BRDF_WORDS, LIGHT_WORDS, WordsError, brdf_of_words, light_of_words};
 pub use zonal_fit::{Lobe, MOST_LOBES, ZonalLight};

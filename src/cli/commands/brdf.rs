@@ -1,52 +1,33 @@
 //! `poselight brdf`: a reflectance as an operator that a frame can run.
 
+use std::path::Path;
+use std::sync::Arc;
+
 use anyhow::{Context, bail, ensure};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::cli::Answer;
-use crate::cli::light_args::BrdfArgs;
+use crate::cli::light_args::{BrdfArgs, CosineArg};
 use crate::cli::units;
 use crate::pipeline::files;
 use crate::sh::Order;
-use crate::shade::{Brdf, Examination, Factored, Merl, Reflectance, Reflector, examine, factor};
+use crate::shade::{
+    BRDF_WORDS, Cosine, Examination, Factored, Material, Merl, Reflector, brdf_of_words, examine,
+    factor_by,
+};
 
 /// A MERL file has 35 MB.
 const MOST_BYTES: u64 = 64 << 20;
 
-/// Elevations of the integrals, where only the difference of azimuths counts and where not.
-const NODES: [usize; 2] = [96, 32];
-
 /// Elevations by which energy is examined.
 const EXAMINED_NODES: usize = 48;
-
-/// A reflectance from words or from a file.
-enum Source {
-    Analytic(Brdf),
-    Measured(Box<Merl>),
-}
-
-impl Reflectance for Source {
-    fn reflect(&self, incoming: [f64; 3], outgoing: [f64; 3]) -> [f64; 3] {
-        match self {
-            Self::Analytic(brdf) => brdf.reflect(incoming, outgoing),
-            Self::Measured(merl) => merl.reflect(incoming, outgoing),
-        }
-    }
-
-    fn is_isotropic(&self) -> bool {
-        match self {
-            Self::Analytic(brdf) => brdf.is_isotropic(),
-            Self::Measured(merl) => merl.is_isotropic(),
-        }
-    }
-}
 
 pub(in crate::cli) fn brdf(args: &BrdfArgs) -> anyhow::Result<Answer> {
     let order = Order::new(args.order)?;
     let source = read(&args.source)?;
     let found = examine(&source, EXAMINED_NODES);
     let mut notices = found.warnings();
-    if let Source::Measured(merl) = &source
+    if let Material::Measured(merl) = &source
         && merl.missing() > 0
     {
         notices.push(format!("{} cells of the table hold no measurement", merl.missing()));
@@ -54,8 +35,11 @@ pub(in crate::cli) fn brdf(args: &BrdfArgs) -> anyhow::Result<Answer> {
     for notice in &notices {
         tracing::warn!("{notice}");
     }
-    let nodes = NODES[usize::from(!source.is_isotropic())];
-    let factored = factor(&source, order, nodes)?;
+    let cosine = match args.cosine {
+        CosineArg::Inside => Cosine::Inside,
+        CosineArg::Matrix => Cosine::Matrix,
+    };
+    let factored = factor_by(&source, order, source.nodes(), cosine)?;
     let most = factored[0].most_terms();
     ensure!(
         (1..=most).contains(&args.terms),
@@ -68,29 +52,73 @@ pub(in crate::cli) fn brdf(args: &BrdfArgs) -> anyhow::Result<Answer> {
     let reflector = Reflector::new(&args.source, &operators, errors);
     let bytes = reflector.to_bytes()?;
     files::publish(&args.output, &bytes)?;
-    let curve = if args.curve { curve(&source, nodes)? } else { Vec::new() };
-    Ok(answer(args, &reflector, (&found, curve), &notices))
+    let rows = if args.curve { curve(&source, cosine)? } else { Vec::new() };
+    let worst = Errors::of(&factored, args.terms);
+    Ok(answer(args, &reflector, (&found, worst, &rows), &notices))
+}
+
+/// How far a factored reflectance is off, the worst colour of each.
+#[derive(Clone, Copy)]
+struct Errors {
+    /// Over all pairs of directions.
+    all: f64,
+    /// What of it no number of terms mends.
+    bands: f64,
+    /// Over what a light of these bands shows.
+    lit: f64,
+}
+
+impl Errors {
+    fn of(factored: &[Factored; 3], terms: usize) -> Self {
+        let worst = |of: &dyn Fn(&Factored) -> f64| factored.iter().map(of).fold(0.0, f64::max);
+        Self {
+            all: worst(&|f| f.error(terms)),
+            bands: worst(&Factored::band_limit),
+            lit: worst(&|f| f.lit_error(terms)),
+        }
+    }
+
+    /// In a sentence, with what would help where something would.
+    fn explained(self, terms: usize, order: u8) -> String {
+        let percent = |error: f64| format!("{:.1} %", 100.0 * error);
+        // Errors are lengths at right angles: their squares add up.
+        let cut = (self.all.powi(2) - self.bands.powi(2)).max(0.0).sqrt();
+        let mut told = format!(
+            "the factored reflectance is off by {} (L² over all pairs of directions): {} is detail \
+             finer than {order} bands hold, {} what {terms} terms leave out (squares add up); of what a \
+             light of these bands can show it is off by {}",
+            percent(self.all),
+            percent(self.bands),
+            percent(cut),
+            percent(self.lit)
+        );
+        if cut > self.bands && cut > 0.05 {
+            told += "; more --terms would help";
+        } else if self.bands > 0.05 {
+            told += "; only a higher --order would help, no number of terms";
+        }
+        told
+    }
 }
 
 fn answer(
     args: &BrdfArgs,
     reflector: &Reflector,
-    (found, curve): (&Examination, Vec<serde_json::Value>),
+    (found, worst, curve): (&Examination, Errors, &[CurveRow]),
     notices: &[String],
 ) -> Answer {
     let header = reflector.header();
-    let worst = header.errors.iter().copied().fold(0.0, f64::max);
     let mut text = format!(
-        "{}: {} terms of order {}, {}, {} of coefficients; the factored reflectance is off by {:.1} % (L², worst colour)",
+        "{}: {} terms of order {}, {}, {} of coefficients\n{}",
         args.output.display(),
         header.terms,
         header.order,
         if header.channels == 1 { "one colour" } else { "three colours" },
         units::bytes(reflector.bytes() as u64),
-        100.0 * worst
+        worst.explained(header.terms, header.order)
     );
-    for row in &curve {
-        text = format!("{text}\n{row}");
+    for row in curve {
+        text = format!("{text}\n{}", row.text());
     }
     let json = json!({
         "output": args.output,
@@ -100,104 +128,104 @@ fn answer(
         "channels": header.channels,
         "bytes": reflector.bytes(),
         "relative_error": header.errors,
+        "band_limit_error": worst.bands,
+        "lit_error": worst.lit,
         "largest_albedo": found.largest_albedo,
         "reciprocity_error": found.reciprocity_error,
-        "curve": curve,
+        "curve": curve.iter().map(CurveRow::json).collect::<Vec<_>>(),
         "notices": notices,
     });
     Answer::new(text, json)
 }
 
-/// The error of every number of terms, for every order; of the worst colour.
-fn curve(source: &Source, nodes: usize) -> anyhow::Result<Vec<serde_json::Value>> {
+/// Errors of every number of terms at one order, the worst colour of each.
+struct CurveRow {
+    order: u8,
+    by_terms: Vec<f64>,
+    lit_by_terms: Vec<f64>,
+    bands: f64,
+}
+
+impl CurveRow {
+    fn text(&self) -> String {
+        let percent = |error: &f64| format!("{:.1}", 100.0 * error);
+        let row: Vec<String> = self.by_terms.iter().map(percent).collect();
+        let bands = percent(&self.bands);
+        format!("order {:2}: at least {bands} %; by terms {}", self.order, row.join(" "))
+    }
+
+    fn json(&self) -> Value {
+        json!({
+            "order": self.order,
+            "relative_error_by_terms": self.by_terms,
+            "lit_error_by_terms": self.lit_by_terms,
+            "band_limit_error": self.bands,
+        })
+    }
+}
+
+/// The errors of up to 16 terms, for every order.
+fn curve(source: &Material, cosine: Cosine) -> anyhow::Result<Vec<CurveRow>> {
     (1..=10)
-        .map(|bands| {
-            let factored = factor(source, Order::new(bands)?, nodes)?;
+        .map(|order| {
+            let factored = factor_by(source, Order::new(order)?, source.nodes(), cosine)?;
             let most = factored[0].most_terms().min(16);
-            let worst =
-                |k: usize| factored.iter().map(|f: &Factored| f.error(k)).fold(0.0, f64::max);
-            let errors: Vec<f64> = (1..=most).map(worst).collect();
-            Ok(json!({ "order": bands, "relative_error_by_terms": errors }))
+            let errors: Vec<Errors> = (1..=most).map(|k| Errors::of(&factored, k)).collect();
+            Ok(CurveRow {
+                order,
+                by_terms: errors.iter().map(|errors| errors.all).collect(),
+                lit_by_terms: errors.iter().map(|errors| errors.lit).collect(),
+                bands: errors[0].bands,
+            })
         })
         .collect()
 }
 
-/// Reads `lambert:ALBEDO`, `phong:DIFFUSE,SPECULAR,EXPONENT`, `ggx:F0,ALPHA` or with a second alpha
-/// along the bitangent, `ashikhmin-shirley:DIFFUSE,SPECULAR,NU,NV`, or a MERL file of that name.
-fn read(source: &str) -> anyhow::Result<Source> {
-    let Some((name, numbers)) = source.split_once(':') else { return measured(source) };
-    if !["lambert", "phong", "ggx", "ashikhmin-shirley"].contains(&name) {
-        return measured(source);
+/// A reflectance in words, or a MERL file of that name.
+pub(super) fn read(source: &str) -> anyhow::Result<Material> {
+    if let Some(brdf) = brdf_of_words(source) {
+        return Ok(Material::Analytic(brdf.with_context(|| format!("`{source}`"))?));
     }
-    let numbers: Vec<f64> = numbers
-        .split(',')
-        .map(|part| part.trim().parse().with_context(|| format!("`{part}` in `{source}`")))
-        .collect::<anyhow::Result<_>>()?;
-    let brdf = match (name, numbers.as_slice()) {
-        ("lambert", &[albedo]) => Brdf::Lambert { albedo: [albedo; 3] },
-        ("lambert", &[r, g, b]) => Brdf::Lambert { albedo: [r, g, b] },
-        ("phong", &[diffuse, specular, exponent]) => {
-            Brdf::Phong { diffuse: [diffuse; 3], specular: [specular; 3], exponent }
-        }
-        ("ggx", &[f0, alpha]) => Brdf::Ggx { normal_reflectance: [f0; 3], alpha: [alpha; 2] },
-        ("ggx", &[f0, along, across]) => {
-            Brdf::Ggx { normal_reflectance: [f0; 3], alpha: [along, across] }
-        }
-        ("ashikhmin-shirley", &[diffuse, specular, nu, nv]) => Brdf::AshikhminShirley {
-            diffuse: [diffuse; 3],
-            specular: [specular; 3],
-            exponents: [nu, nv],
-        },
-        _ => bail!(
-            "`{source}` has {} numbers; it is lambert:ALBEDO, phong:DIFFUSE,SPECULAR,EXPONENT, \
-             ggx:F0,ALPHA or ggx:F0,ALPHA,ALPHA, or ashikhmin-shirley:DIFFUSE,SPECULAR,NU,NV",
-            numbers.len()
-        ),
-    };
-    Ok(Source::Analytic(brdf.checked()?))
-}
-
-/// A reflectance in closed form.
-pub(super) fn read_analytic(source: &str) -> anyhow::Result<Brdf> {
-    match read(source)? {
-        Source::Analytic(brdf) => Ok(brdf),
-        Source::Measured(_) => bail!("`{source}` is measured; a still takes closed forms"),
+    if !Path::new(source).exists() {
+        bail!("`{source}` is no file, and none of {BRDF_WORDS}");
     }
-}
-
-fn measured(path: &str) -> anyhow::Result<Source> {
-    let bytes = files::read(path.as_ref(), MOST_BYTES)?;
-    let merl = Merl::from_bytes(&bytes).with_context(|| path.to_owned())?;
-    Ok(Source::Measured(Box::new(merl)))
+    let bytes = files::read(source.as_ref(), MOST_BYTES)?;
+    let merl = Merl::from_bytes(&bytes).with_context(|| source.to_owned())?;
+    Ok(Material::Measured(Arc::new(merl)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Every closed form is read; wrong counts, wrong numbers and missing files are told apart.
+    /// Words and files are told apart, and each fault is told with its source.
     #[test]
     fn reflectances_are_read() {
-        for source in [
-            "lambert:0.5",
-            "lambert:0.1,0.2,0.3",
-            "phong:0.4,0.4,12",
-            "ggx:0.04,0.3",
-            "ggx:0.9,0.2,0.5",
-        ] {
-            assert!(matches!(read(source), Ok(Source::Analytic(_))), "{source}");
-        }
-        assert!(read("ashikhmin-shirley:0.3,0.2,10,100").is_ok_and(|s| !s.is_isotropic()));
+        assert!(matches!(read("ggx:0.04,0.3"), Ok(Material::Analytic(_))));
         for (source, word) in [
-            ("lambert:0.5,0.5", "2 numbers"),
-            ("lambert:x", "`x`"),
-            ("lambert:1.5", "albedo"),
-            ("ggx:0.5,0", "alpha"),
-            ("nickel.binary", "nickel.binary"),
-            ("disney:1", "disney:1"),
+            ("lambert:0.5,0.5", "`lambert:0.5,0.5`: has 2 numbers"),
+            ("nickel.binary", "`nickel.binary` is no file, and none of lambert"),
+            ("disney:1", "`disney:1` is no file"),
+            ("Cargo.toml", "Cargo.toml"),
         ] {
             let error = read(source).err().map(|error| format!("{error:#}")).unwrap_or_default();
             assert!(error.contains(word), "{source}: {error}");
         }
+    }
+
+    /// The parts of an error are told in shares of energy that add up, with what would help.
+    #[test]
+    fn errors_are_explained() {
+        let narrow = Errors { all: 0.65, bands: 0.64, lit: 0.3 };
+        let told = narrow.explained(8, 4);
+        assert!(
+            told.contains("65.0 %") && told.contains("64.0 %") && told.contains("30.0 %"),
+            "{told}"
+        );
+        assert!(told.contains("a higher --order"), "{told}");
+        let few = Errors { all: 0.5, bands: 0.1, lit: 0.5 }.explained(1, 4);
+        assert!(few.contains("more --terms"), "{few}");
+        let exact = Errors { all: 0.01, bands: 0.01, lit: 0.01 }.explained(1, 4);
+        assert!(!exact.contains("--"), "{exact}");
     }
 }

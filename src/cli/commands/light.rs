@@ -7,7 +7,7 @@ use crate::cli::light_args::{LightArgs, WindowArg};
 use crate::cli::light_source::{LightSource, read_light};
 use crate::cli::{Answer, files};
 use crate::sh::Order;
-use crate::shade::{ShLight, Window, d3dx, filament, three_js};
+use crate::shade::{Lobe, ShLight, Window, ZonalLight, d3dx, filament, three_js};
 
 pub(in crate::cli) fn light(args: &LightArgs) -> anyhow::Result<Answer> {
     let order = Order::new(args.order)?;
@@ -49,8 +49,24 @@ pub(in crate::cli) fn light(args: &LightArgs) -> anyhow::Result<Answer> {
             "coefficients": filament(&light),
         },
         "d3dx": d3dx_json(&light),
+        "lobes": args.lobes.map(|count| lobes(&light, usize::from(count))),
     });
     Ok(Answer::new(serde_json::to_string_pretty(&json)?, json))
+}
+
+/// The light as lobes: z_l y_lm(axis) of each, the numbers by band, red, green and blue.
+fn lobes(light: &ShLight, count: usize) -> Value {
+    let fit = ZonalLight::fit(light, count);
+    let bands = light.order().bands();
+    let lobe = |lobe: &Lobe| {
+        let colours = lobe.bands.each_ref().map(|colour| colour[..bands].to_vec());
+        json!({ "axis": lobe.axis, "bands": colours })
+    };
+    json!({
+        "convention": "coefficient l,m of a colour is the sum over lobes of bands[colour][l] * y_lm(axis)",
+        "lobes": fit.lobes().iter().map(lobe).collect::<Vec<_>>(),
+        "residual_energy": fit.residuals(),
+    })
 }
 
 fn coefficients(light: &ShLight) -> Vec<[f64; 3]> {

@@ -2,7 +2,6 @@
 
 use serde_json::json;
 
-use super::brdf::read_analytic;
 use crate::cli::Answer;
 use crate::cli::light_source::read_light;
 use crate::cli::still_args::StillArgs;
@@ -34,7 +33,7 @@ pub(in crate::cli) fn still(args: &StillArgs) -> anyhow::Result<Answer> {
         rays: args.rays,
         gains: if args.gain.is_empty() { vec![4.0] } else { args.gain.clone() },
         light: light.as_ref().map(|read| read.light.clone()),
-        brdf: args.brdf.as_deref().map(read_analytic).transpose()?,
+        brdf: args.brdf.as_deref().map(super::brdf::read).transpose()?,
         exposure_stops: args.exposure,
     };
     let made = pipeline::still(&scene, model.as_ref(), &settings)?;

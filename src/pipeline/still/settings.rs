@@ -2,7 +2,7 @@
 
 use super::super::evaluate::EvaluateError;
 use crate::num::linalg::NoConvergence;
-use crate::shade::{Brdf, ShLight};
+use crate::shade::{Material, ShLight};
 use crate::trace;
 
 /// Pixels of a side of one panel, least and most.
@@ -34,7 +34,7 @@ pub struct Still<'a> {
     /// An environment fixed in the scene; ambient occlusion when absent.
     pub light: Option<ShLight>,
     /// An isotropic reflectance; white Lambert when absent. Beside it goes a model of visibility.
-    pub brdf: Option<Brdf>,
+    pub brdf: Option<Material>,
     /// Stops of brightness; at 0 the brightest open white surface is white.
     pub exposure_stops: f32,
 }

@@ -59,7 +59,7 @@ fn wrong_settings_are_refused() {
     refused(Still { gains: vec![f32::NAN], ..settings() }, "gain");
     refused(Still { view: [0.0, 90.0], ..settings() }, "pitch");
     let grained = Brdf::Ggx { normal_reflectance: [0.5; 3], alpha: [0.1, 0.3] };
-    refused(Still { brdf: Some(grained), ..settings() }, "tangents");
+    refused(Still { brdf: Some(grained.into()), ..settings() }, "tangents");
     refused(Still { exposure_stops: f32::NAN, ..settings() }, "exposure");
     refused(Still { clip: Some("fly"), times_s: vec![0.0], ..settings() }, "fly");
     refused(Still { clip: Some(&clip), times_s: vec![1e9], ..settings() }, "no time");

@@ -1,6 +1,7 @@
 use std::f32::consts::PI;
 
 use super::*;
+use crate::shade::Brdf;
 use crate::trace::shapes::sphere;
 
 fn camera(size: u32) -> Camera {

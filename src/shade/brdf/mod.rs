@@ -2,10 +2,12 @@
 
 mod analytic;
 mod examine;
+mod material;
 mod merl;
 
 pub use analytic::Brdf;
 pub use examine::{Examination, examine};
+pub use material::Material;
 pub use merl::{Merl, MerlError};
 
 use super::Error;

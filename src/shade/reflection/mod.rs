@@ -7,13 +7,15 @@
 
 #[cfg(feature = "bake")]
 mod build;
+mod global;
 mod reflector;
 
 #[cfg(feature = "bake")]
-pub use build::{Factored, factor};
+pub use build::{Cosine, Factored, factor, factor_by};
+pub use global::GlobalReflector;
 pub use reflector::{Reflector, ReflectorError, ReflectorHeader};
 
-use crate::sh::{MAX_COEFFICIENTS, Order, TripleProduct, evaluate_f64};
+use crate::sh::{MAX_COEFFICIENTS, Order, Rotation, TripleProduct, evaluate_f64};
 
 /// An operator of one colour: k view factors and k product matrices, k·n²(1 + n²) numbers.
 #[derive(Debug, Clone, PartialEq)]
@@ -47,6 +49,42 @@ impl ReflectionOperator {
         Self { order, view: view.to_vec(), matrices }
     }
 
+    /// M_b A in place of M_b: an operator A of n² × n² numbers, row by row, that visibility meets
+    /// first.
+    ///
+    /// # Panics
+    /// If A has not that size.
+    #[must_use]
+    pub fn after(mut self, first: &[f64]) -> Self {
+        let count = self.order.coefficients();
+        assert_eq!(first.len(), count * count, "entries of an operator");
+        let mut product = [0.0; MAX_COEFFICIENTS];
+        for row in self.matrices.chunks_exact_mut(count) {
+            product.fill(0.0);
+            for (m, first) in row.iter().zip(first.chunks_exact(count)) {
+                product.iter_mut().zip(first).for_each(|(sum, a)| *sum += m * a);
+            }
+            row.copy_from_slice(&product[..count]);
+        }
+        self
+    }
+
+    /// The operator in a turned frame: w_b and M_b as that frame has them.
+    ///
+    /// # Panics
+    /// If the rotation is of another order.
+    #[must_use]
+    pub fn turned(&self, rotation: &Rotation) -> Self {
+        assert_eq!(rotation.order(), self.order, "orders of operator and rotation");
+        let count = self.order.coefficients();
+        let mut this = self.clone();
+        for (view, turned) in self.view.chunks_exact(count).zip(this.view.chunks_exact_mut(count)) {
+            rotation.apply_f64(view, turned);
+        }
+        this.matrices.chunks_exact_mut(count * count).for_each(|m| rotation.turn_matrix(m));
+        this
+    }
+
     /// The order of visibility and light.
     #[must_use]
     pub fn order(&self) -> Order {
@@ -65,7 +103,7 @@ impl ReflectionOperator {
         &self.view
     }
 
-    /// `[b][i][j]`, k · n⁴ numbers, each matrix symmetric.
+    /// `[b][i][j]`, k · n⁴ numbers; each matrix is symmetric where the cosine is inside.
     #[must_use]
     pub fn matrices(&self) -> &[f64] {
         &self.matrices

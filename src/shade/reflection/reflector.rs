@@ -70,11 +70,21 @@ pub struct Reflector {
     order: Order,
     /// `[channel][b][i]`
     view: Vec<f32>,
-    /// `[channel][b][i][j]`
+    /// `[channel][b][j][i]`: transposed, so that sums run along memory.
     matrices: Vec<f32>,
 }
 
-/// acc_i += strength · v_j · M_ji over all j, the row length known to the compiler.
+/// Each of the square matrices transposed.
+fn transposed(matrices: &[f32], size: usize) -> Vec<f32> {
+    let entry = |k: usize| {
+        let (matrix, i) = (k / (size * size), k % (size * size));
+        matrices[matrix * size * size + i % size * size + i / size]
+    };
+    (0..matrices.len()).map(entry).collect()
+}
+
+/// acc_i += strength · v_j · M_ij over all j, the matrix transposed, its row length known to the
+/// compiler.
 #[inline(always)]
 fn add_product<const C: usize>(acc: &mut [f32; C], strength: f32, v: &[f32], matrix: &[f32]) {
     for (row, v) in matrix.as_chunks::<C>().0.iter().zip(v) {
@@ -118,8 +128,9 @@ impl Reflector {
             name: name.to_owned(),
             errors: errors[..channels].to_vec(),
         };
-        let (view, matrices) =
+        let (view, matrices): (_, Vec<f32>) =
             (collect(ReflectionOperator::view), collect(ReflectionOperator::matrices));
+        let matrices = transposed(&matrices, order.coefficients());
         Self { header, order, view, matrices }
     }
 
@@ -148,9 +159,16 @@ impl Reflector {
     /// If a slice is shorter than n².
     #[must_use]
     pub fn shade(&self, visibility: &[f32], light: [&[f32]; 3], outgoing: Vec3) -> [f32; 3] {
-        if outgoing.z <= 0.0 {
-            return [0.0; 3];
-        }
+        if outgoing.z <= 0.0 { [0.0; 3] } else { self.shade_any(visibility, light, outgoing) }
+    }
+
+    /// [`Reflector::shade`] without a look at where the surface is.
+    pub(super) fn shade_any(
+        &self,
+        visibility: &[f32],
+        light: [&[f32]; 3],
+        outgoing: Vec3,
+    ) -> [f32; 3] {
         let (count, terms) = (self.order.coefficients(), self.header.terms);
         let mut y = [0.0; MAX_COEFFICIENTS];
         evaluate(self.order, outgoing, &mut y);
@@ -199,7 +217,8 @@ impl Reflector {
         let bytes = |values: &[f32]| -> Vec<u8> {
             values.iter().flat_map(|value| value.to_le_bytes()).collect()
         };
-        let (view, matrices) = (bytes(&self.view), bytes(&self.matrices));
+        let matrices = transposed(&self.matrices, self.order.coefficients());
+        let (view, matrices) = (bytes(&self.view), bytes(&matrices));
         let [view_shape, matrix_shape] = self.shapes();
         let tensor = |shape: Vec<usize>, bytes| TensorView::new(Dtype::F32, shape, bytes);
         let tensors = [
@@ -233,7 +252,8 @@ impl Reflector {
         let [view_shape, matrix_shape] = this.shapes();
         let tensors = SafeTensors::deserialize(bytes).map_err(failed)?;
         this.view = numbers(&tensors, "view", &view_shape)?;
-        this.matrices = numbers(&tensors, "matrices", &matrix_shape)?;
+        let matrices = numbers(&tensors, "matrices", &matrix_shape)?;
+        this.matrices = transposed(&matrices, order.coefficients());
         Ok(this)
     }
 }

@@ -152,6 +152,66 @@ fn errors_are_those_of_the_factors() {
     assert!((measured - curve[terms]).abs() < 1e-3, "{measured} {}", curve[terms]);
 }
 
+/// The error has its parts told apart: what no term mends is the limit of the bands, the light's
+/// bands alone hold more than light and view together, and under a light of these bands the error is
+/// smaller than over all directions. The part that the light's bands hold is that of its slow integral.
+#[test]
+fn errors_are_told_apart() {
+    let n = order(3);
+    for brdf in [
+        Brdf::Phong { diffuse: [0.3; 3], specular: [0.5; 3], exponent: 20.0 },
+        Brdf::Ggx { normal_reflectance: [0.5; 3], alpha: [0.4, 0.7] },
+    ] {
+        let factored = &factor(&brdf, n, 20).unwrap()[0];
+        let limit = factored.band_limit();
+        assert!((limit - factored.error(9)).abs() < 1e-15 && limit > 0.05, "{limit}");
+        assert!(factored.error(2) > limit && factored.lit_error(2) < factored.error(2));
+        assert!(factored.lit < factored.energy && factored.lit_error(9) > 0.0);
+        let directions = sphere(20);
+        let (mut y, mut lit) = (vec![0.0; 25], 0.0);
+        for (o, view_area) in directions.iter().filter(|(o, _)| o[2] > 0.0) {
+            let mut sums = [0.0; 25];
+            for (i, area) in directions.iter().filter(|(i, _)| i[2] > 0.0) {
+                evaluate_f64(order(5), *i, &mut y);
+                let f = area * brdf.reflect(*i, *o)[0] * i[2];
+                sums.iter_mut().zip(&y).for_each(|(sum, y)| *sum += f * y);
+            }
+            lit += view_area * sums.iter().map(|x| x * x).sum::<f64>();
+        }
+        assert!((factored.lit / lit - 1.0).abs() < 1e-3, "{} {lit}", factored.lit);
+    }
+}
+
+/// With the cosine as a matrix of its own, a Lambert operator is exact with one term where nothing
+/// occludes; a gloss has nearly the reflection of the other form, and comes nearer as the order rises.
+#[test]
+fn the_cosine_may_be_a_matrix() {
+    let apart = |brdf: &Brdf, bands: u8| -> f64 {
+        let n = order(bands);
+        let count = n.coefficients();
+        let inside = &factor(brdf, n, 24).unwrap()[0];
+        let matrix = &factor_by(brdf, n, 24, Cosine::Matrix).unwrap()[0];
+        let [inside, matrix] = [inside, matrix].map(|f| f.operator(count));
+        let (mut a, mut b) = (vec![0.0; count], vec![0.0; count]);
+        let (mut off, mut all) = (0.0, 0.0);
+        for view in views() {
+            inside.transfer(&one(n), view, &mut a);
+            matrix.transfer(&one(n), view, &mut b);
+            // The bands that both can hold.
+            off += a.iter().zip(&b).take(9).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+            all += a.iter().take(9).map(|a| a * a).sum::<f64>();
+        }
+        (off / all).sqrt()
+    };
+    let lambert = Brdf::Lambert { albedo: [0.6; 3] };
+    let factored = &factor_by(&lambert, order(4), 12, Cosine::Matrix).unwrap()[0];
+    assert!(factored.error(1) < 1e-7, "{}", factored.error(1));
+    assert!(apart(&lambert, 4) < 1e-7);
+    let gloss = Brdf::Ggx { normal_reflectance: [0.5; 3], alpha: [0.6; 2] };
+    let (coarse, fine) = (apart(&gloss, 3), apart(&gloss, 7));
+    assert!(fine < 0.5 * coarse && fine < 0.05, "{coarse} {fine}");
+}
+
 /// The shorter way for isotropic reflectances gives the operator of the longer one.
 #[test]
 fn isotropy_is_a_short_cut_only() {
