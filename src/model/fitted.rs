@@ -209,6 +209,12 @@ impl Model {
         &self.point_of_vertex
     }
 
+    /// Whether the points are the vertices, one by one, so that a blob needs no map.
+    pub(super) fn points_are_vertices(&self) -> bool {
+        self.point_of_vertex.len() == self.header.mesh.points as usize
+            && self.point_of_vertex.iter().enumerate().all(|(i, &point)| point as usize == i)
+    }
+
     /// Which bone's frame each point's coefficients are in; empty in the root frame.
     #[must_use]
     pub fn bone_of_point(&self) -> &[u16] {

@@ -65,6 +65,7 @@ pub fn choose(
         found.recipe.fit.without.clone_from(&trimmed.without);
         found.recipe.fit.bands = trimmed.bands;
         found.fitted = fit(dataset, &found.recipe)?;
+        found.reconsider(&target(recipe))?;
     }
     // The judge sees what is stored, not what was fitted.
     let mut model = Model::from_bytes(&found.fitted.model.to_bytes(found.precision)?)?;

@@ -252,6 +252,17 @@ fn conclude(
     })
 }
 
+impl Searched {
+    /// The verdict on the point of choice, once more with the bytes that its model has now.
+    pub(super) fn reconsider(&mut self, target: &Target) -> Result<(), Error> {
+        let point = &mut self.points[self.chosen];
+        point.bytes = self.fitted.model.to_bytes(self.precision)?.len() as u64;
+        let verdict = decide(std::slice::from_ref(point), VALIDATION, target);
+        self.met = matches!(verdict, Some(Choice::Met(_)));
+        Ok(())
+    }
+}
+
 /// Whether the candidates are meant for what lies between trained poses.
 pub(super) fn leaves_poses(candidates: &[CandidateRecipe]) -> bool {
     candidates.iter().all(|candidate| candidate.recipe.fit.ridge == RidgeName::LeaveOneOut)

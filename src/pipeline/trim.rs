@@ -47,10 +47,11 @@ impl Trimmed {
             .map_or(String::new(), |bands| format!("all bands of harmonics but the first {bands}"));
         let both = if parameters.is_empty() || bands.is_empty() { "" } else { ", and " };
         let ([before, after], [whole, trimmed]) = (self.bytes, self.errors);
+        // The trials see some points only: of their errors only the ratio compares with others.
         format!(
-            "left out: {parameters}{both}{bands}; {} bytes less, validation error {trimmed:.5} \
-             instead of {whole:.5}",
-            before.saturating_sub(after)
+            "left out: {parameters}{both}{bands}; {} bytes less, validation error {:+.1} %",
+            before.saturating_sub(after),
+            100.0 * (trimmed / whole.max(f64::MIN_POSITIVE) - 1.0)
         )
     }
 }

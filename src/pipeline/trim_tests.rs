@@ -34,19 +34,28 @@ fn what_is_not_needed_goes() {
     let cancelled = AtomicBool::new(false);
     let watch = Watch { report: &|_| {}, cancelled: &cancelled };
     let target = Target { max_error: Some(10.0), ..Target::default() };
-    let found = search(&dataset, &all, &target, &watch).unwrap();
+    let mut found = search(&dataset, &all, &target, &watch).unwrap();
     let trimmed = trim(&dataset, &found, &target, &watch).unwrap().expect("something goes");
     assert!(trimmed.bytes[1] < trimmed.bytes[0] && trimmed.bands == Some(1), "{trimmed:?}");
     assert!(trimmed.story().contains("pose parameters that hardly matter, and all bands"));
 
     recipe.fit.without.clone_from(&trimmed.without);
     recipe.fit.bands = trimmed.bands;
-    let (whole, model) = (found.fitted.model, fit(&dataset, &recipe).unwrap().model);
-    let header = model.header();
+    let whole = std::mem::replace(&mut found.fitted, fit(&dataset, &recipe).unwrap()).model;
+    let model = &found.fitted.model;
+    let bytes = model.to_bytes(found.precision).unwrap().len() as u64;
+    let header = model.header().clone();
     assert_eq!((header.order, header.width()), (1, 1));
     let left = groups(&header.rig.columns).len();
     assert_eq!((left, whole.header().order), (1, 3));
     assert!(trimmed.without.iter().all(|name| header.rig.dropped.contains(name)));
+
+    // What only the whole was too large for is met by what is left of it.
+    for (most, met) in [(bytes, true), (bytes - 1, false)] {
+        let target = Target { max_bytes: Some(most), ..target };
+        found.reconsider(&target).unwrap();
+        assert_eq!((found.met, found.points[found.chosen].bytes), (met, bytes));
+    }
 
     recipe.fit.without = vec!["nobody".to_owned()];
     let told = fit(&dataset, &recipe).expect_err("unknown").to_string();

@@ -53,7 +53,11 @@ fn run(args: &CheckArgs, job: &Job, watch: &Watch) -> anyhow::Result<pipeline::O
 }
 
 fn text(lines: &[Line], changed: bool) -> String {
-    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.5}"));
+    let number = |value: Option<f64>| match value {
+        None => "-".to_owned(),
+        Some(whole) if whole.abs() >= 100.0 => format!("{whole:.0}"),
+        Some(value) => format!("{value:.5}"),
+    };
     let mut text =
         String::from("figure                                        approved           now");
     for line in lines {
@@ -68,5 +72,9 @@ fn text(lines: &[Line], changed: bool) -> String {
     if changed {
         text += "\nthe scene has changed since";
     }
-    text
+    let worse = lines.iter().filter(|line| !line.passes).count();
+    match worse {
+        0 => text + "\nnothing is worse than what was approved",
+        _ => format!("{text}\n{worse} of {} figures are worse than what was approved", lines.len()),
+    }
 }

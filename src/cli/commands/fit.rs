@@ -81,6 +81,9 @@ fn choose(
     let mut text = args.output.display().to_string();
     if let Some(choice) = &figures.choice {
         text += &format!("\n{}", story(choice, figures, *met));
+        if let Some(trimmed) = &choice.trimmed {
+            text += &format!("\n  {trimmed}");
+        }
     }
     text += &format!("\n{}", super::measure::table(&figures.measured));
     if let Some(remedy) = figures.choice.as_ref().and_then(|choice| choice.remedy.as_ref()) {
@@ -107,7 +110,7 @@ fn choose(
 
 /// What was looked at, and what was taken of it.
 pub(super) fn story(choice: &ChoiceFigures, figures: &Figures, met: bool) -> String {
-    let mut text = format!(
+    format!(
         "  {} of {} candidates in {}: {}, {} µs a pose; RMSE {:.5} leaving out {}",
         if met { "the simplest that meets the target" } else { "the best that was reached" },
         choice.candidates,
@@ -116,11 +119,7 @@ pub(super) fn story(choice: &ChoiceFigures, figures: &Figures, met: bool) -> Str
         figures.times.evaluate_us.round(),
         choice.validation_rms,
         choice.left_out,
-    );
-    if let Some(trimmed) = &choice.trimmed {
-        text += &format!("\n  {trimmed}");
-    }
-    text
+    )
 }
 
 /// A fitted model in a line.

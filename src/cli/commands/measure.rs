@@ -65,7 +65,22 @@ pub(super) fn table(measured: &Measured) -> String {
             );
         }
     }
-    text
+    text + &remark(measured)
+}
+
+/// A sentence where the model is no better than the mean on the split that counts.
+fn remark(measured: &Measured) -> String {
+    let found = measured.splits.iter().find(|split| Some(split.split) == measured.headline);
+    let Some(split) = found else { return String::new() };
+    let of = |name: &str| split.candidates.iter().find(|c| c.name == name)?.coefficients.rms;
+    match (of(&measured.model), of("mean")) {
+        (Some(model), Some(mean)) if measured.model != "mean" && model >= mean => format!(
+            "\non {} motion this model is no better than the mean alone: more motion to train on, or \
+             `--family occluder`",
+            split.split.name()
+        ),
+        _ => String::new(),
+    }
 }
 
 /// A root that noise swallowed has no number.

@@ -271,7 +271,10 @@ pub(super) fn sizes(model: &Model, precision: Precision) -> Sizes {
     }
     let own_map = decoder.as_ref().and_then(|decoder| own_map(decoder, &detail));
     let own_map = own_map.map_or(0, |(_, count, map)| map.len() * index_dtype(count).1);
-    let points = model.point_of_vertex().len() * index_dtype(shape.points).1;
+    let points = match model.points_are_vertices() {
+        true => 0,
+        false => model.point_of_vertex().len() * index_dtype(shape.points).1,
+    };
     let bones = model.bone_of_point().len() * index_dtype(header.rig.bones.len()).1;
     sizes.directions = 4 * header.training.directions.len() as u64;
     sizes.maps = (points + bones + own_map) as u64;

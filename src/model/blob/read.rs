@@ -49,7 +49,10 @@ pub(super) fn read(bytes: &[u8]) -> Result<Model, Error> {
         header.training.directions = f32_values(bytes);
     }
     let vertices = header.mesh.vertices as usize;
-    let point_of_vertex = tensors.indices(POINT_OF_VERTEX, &[vertices], shape.points)?;
+    let point_of_vertex = match vertices == shape.points && !tensors.has(POINT_OF_VERTEX) {
+        true => (0..header.mesh.points).collect(),
+        false => tensors.indices(POINT_OF_VERTEX, &[vertices], shape.points)?,
+    };
     let bone_of_point = match header.frame {
         Frame::Root => Vec::new(),
         Frame::Bone => {
@@ -259,6 +262,10 @@ impl<'a> Tensors<'a> {
     ) -> Result<Vec<u32>, Error> {
         let (dtype, size) = index_dtype(below);
         Ok(index_values(self.take(name, dtype, shape)?, size))
+    }
+
+    fn has(&self, name: &str) -> bool {
+        self.infos.contains_key(name)
     }
 
     /// Nothing may be left over.

@@ -69,6 +69,37 @@ fn blobs_round_trip() {
     }
 }
 
+/// Where points are the vertices, the map that says so is left out and comes back; the sizes tell.
+#[test]
+fn points_that_are_the_vertices_need_no_map() {
+    let model = golden_model();
+    let mut header = model.header().clone();
+    header.mesh.vertices = header.mesh.points;
+    header.mesh.parts.clear();
+    let all: Vec<u32> = (0..header.mesh.points).collect();
+    let build = |map| {
+        let bones = model.bone_of_point().to_vec();
+        Model::new(header.clone(), model.decoder(), map, bones).unwrap()
+    };
+    let mut turned = all.clone();
+    turned.rotate_left(1);
+    let [same, turned] = [all, turned].map(build);
+    let sizes = [&same, &turned].map(|model| model.sizes(Precision::F16).total());
+    assert_eq!(sizes[1] - sizes[0], u64::from(header.mesh.points));
+    for (model, mapped) in [(&same, false), (&turned, true)] {
+        let bytes = model.to_bytes(Precision::F16).unwrap();
+        assert_eq!(split(&bytes).0.get("map.point_of_vertex").is_some(), mapped);
+        let read = Model::from_bytes(&bytes).unwrap();
+        assert_eq!(read.point_of_vertex(), model.point_of_vertex());
+        assert_eq!(read.to_bytes(Precision::F16).unwrap(), bytes);
+    }
+    let lost = |_: &mut Value, outer: &mut Value| {
+        outer.as_object_mut().unwrap().remove("map.point_of_vertex");
+    };
+    let lost = Model::from_bytes(&changed(&golden_model(), lost));
+    assert!(lost.is_err(), "fewer points than vertices need the map");
+}
+
 /// The tensors take exactly the bytes of the published sizes' formula (Nowrouzezahrai et al. 2007,
 /// §5) at f32, half at f16, a quarter at i8 (scales beside), and `sizes` tells the truth about the
 /// file.

@@ -87,8 +87,10 @@ fn tensors(model: &Model, precision: Precision) -> Result<Vec<(String, Tensor)>,
     if let Some((name, count, map)) = own_map(&decoder, &detail) {
         index(name, count, vec![map.len()], map.to_vec());
     }
-    let points = model.point_of_vertex().to_vec();
-    index(POINT_OF_VERTEX, shape.points, vec![points.len()], points);
+    if !model.points_are_vertices() {
+        let points = model.point_of_vertex().to_vec();
+        index(POINT_OF_VERTEX, shape.points, vec![points.len()], points);
+    }
     let bones = header.rig.bones.len();
     if !model.bone_of_point().is_empty() {
         let of_point = model.bone_of_point().iter().map(|&bone| u32::from(bone)).collect();
