@@ -214,8 +214,10 @@ fn tried(
         reference.read_points(&[pose], 0..layout.points, &mut truth)?;
         reference.read_noise(&[pose], 0..layout.points, &mut noise)?;
         let surface = job.surface(pose);
+        let sample = &job.poses.samples[pose];
+        let parameters = model.parameters_of_posed(&sample.pose, surface.as_surface().positions)?;
         let input = PosedInput {
-            parameters: &model.parameters_of_pose(&job.poses.samples[pose].pose)?,
+            parameters: &parameters,
             bone_rotations: &job.poses.samples[pose].bone_rotations,
             surface: Some(surface.as_surface()),
         };

@@ -147,6 +147,8 @@ pub(crate) struct PoseFlags {
 pub(super) enum ParametrisationArg {
     JointAngles,
     Handles,
+    /// Folds of the mesh at its edges; what sequences of meshes have.
+    Dihedral,
 }
 
 #[derive(Debug, Args)]
@@ -347,5 +349,5 @@ impl MeasureFlags {
 }
 
 names! {
-    ParametrisationArg => ParametrisationName { JointAngles, Handles }
+    ParametrisationArg => ParametrisationName { JointAngles, Handles, Dihedral }
 }

@@ -79,11 +79,41 @@ impl Model {
     /// The model's parameters for a pose of its own skeleton.
     ///
     /// # Errors
-    /// [`Error::Length`] if the pose is of another skeleton, [`Error::NotFinite`].
+    /// [`Error::Length`] if the pose is of another skeleton, [`Error::NotFinite`],
+    /// [`Error::NeedsSurface`] where they are angles of the posed mesh.
     pub fn parameters_of_pose(&self, pose: &Pose) -> Result<Vec<f32>, Error> {
+        if self.needs_positions() {
+            return Err(Error::NeedsSurface { what: "the model's pose parameters" });
+        }
+        self.parameters_of_posed(pose, &[])
+    }
+
+    /// Whether the parameters are angles of the posed mesh, so that
+    /// [`parameters_of_posed`](Self::parameters_of_posed) gives them.
+    #[must_use]
+    pub fn needs_positions(&self) -> bool {
+        self.rig.angles.needs_positions()
+    }
+
+    /// Whether poses need the posed mesh beside them: for their parameters or for
+    /// [evaluation](Self::needs_surface).
+    #[must_use]
+    pub fn looks_at_mesh(&self) -> bool {
+        self.needs_surface() || self.needs_positions()
+    }
+
+    /// The model's parameters for a pose of its own skeleton with the posed mesh: a position per
+    /// point, in any frame and at any scale, which only parameters of folds look at.
+    ///
+    /// # Errors
+    /// As [`parameters_of_pose`](Self::parameters_of_pose); [`Error::Length`] of another mesh.
+    pub fn parameters_of_posed(&self, pose: &Pose, positions: &[Vec3]) -> Result<Vec<f32>, Error> {
+        if self.needs_positions() {
+            check_length("positions", positions.len(), self.shape.points)?;
+        }
         let globals = self.globals(pose)?;
         let in_root = in_root(&globals, self.root(&globals));
-        let parameters = self.rig.angles.encode(pose, &in_root);
+        let parameters = self.rig.angles.encode_posed(pose, &in_root, positions);
         check_finite("parameters", &parameters)?;
         Ok(parameters)
     }

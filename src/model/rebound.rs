@@ -79,7 +79,7 @@ impl RigHeader {
                 | SourceHeader::Point { node, .. }
                 | SourceHeader::Tilt { node, .. }
                 | SourceHeader::Height { node, .. } => *node = moved(place, *node)?,
-                SourceHeader::Weight { .. } => {}
+                SourceHeader::Weight { .. } | SourceHeader::Dihedral { .. } => {}
             }
         }
         Ok(rig)

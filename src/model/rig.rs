@@ -121,6 +121,7 @@ fn source(header: &SourceHeader) -> Source {
         }
         SourceHeader::Height { node, rest } => Source::Height { node: node as usize, rest },
         SourceHeader::Weight { slot } => Source::Weight { slot: slot as usize },
+        SourceHeader::Dihedral { points, mean } => Source::Dihedral { corners: points, mean },
     }
 }
 
@@ -141,6 +142,7 @@ fn source_header(source: Source) -> SourceHeader {
         }
         Source::Height { node, rest } => SourceHeader::Height { node: index(node), rest },
         Source::Weight { slot } => SourceHeader::Weight { slot: index(slot) },
+        Source::Dihedral { corners, mean } => SourceHeader::Dihedral { points: corners, mean },
     }
 }
 

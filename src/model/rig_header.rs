@@ -145,6 +145,14 @@ pub enum SourceHeader {
         /// Index into `weights`.
         slot: u32,
     },
+    /// How far the triangles (a, b, c) and (b, a, d) are from flat, radians, less `mean` by the short
+    /// way.
+    Dihedral {
+        /// a, b, c, d.
+        points: [u32; 4],
+        /// Radians.
+        mean: f32,
+    },
 }
 
 impl RigHeader {
@@ -182,6 +190,18 @@ impl RigHeader {
         Ok(())
     }
 
+    /// Whether what the parameters look at is among so many points.
+    pub(super) fn check_points(&self, count: u32) -> Result<(), Error> {
+        for (i, column) in self.columns.iter().enumerate() {
+            if let SourceHeader::Dihedral { points, .. } = column.source {
+                for point in points {
+                    check_index(&format!("rig.columns[{i}].points"), point, count as usize)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
     fn check_source(&self, place: &str, source: &SourceHeader) -> Result<(), Error> {
         match source {
             SourceHeader::Rotation { node, axis, mean } => {
@@ -208,6 +228,7 @@ impl RigHeader {
             SourceHeader::Weight { slot } => {
                 check_index(&format!("{place}.slot"), *slot, self.weights.len())
             }
+            SourceHeader::Dihedral { mean, .. } => check_finite(&format!("{place}.mean"), &[*mean]),
         }
     }
 

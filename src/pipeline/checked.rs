@@ -105,6 +105,7 @@ fn checked_poses(poses: &PosesRecipe) -> Result<pose::Settings, RecipeError> {
         parametrisation: match poses.parametrisation {
             ParametrisationName::JointAngles => ParametrisationKind::JointAngles,
             ParametrisationName::Handles => ParametrisationKind::Handles,
+            ParametrisationName::Dihedral => ParametrisationKind::Dihedral,
         },
         seed: poses.seed,
         root_motion: pose::RootMotion::Rigid,

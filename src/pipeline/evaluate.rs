@@ -118,11 +118,11 @@ impl Query {
     /// [`EvaluateError::NeedsScene`]; unknown names, zero quaternions, numbers that are not finite.
     pub fn from_joints(model: &Model, joints: &JointPose) -> Result<Self, EvaluateError> {
         let pose = model.pose_of(joints)?;
-        let surface = if model.needs_surface() { model.surface_of(&pose)? } else { None };
-        if model.needs_surface() && surface.is_none() {
+        let surface = if model.looks_at_mesh() { model.surface_of(&pose)? } else { None };
+        if model.looks_at_mesh() && surface.is_none() {
             return Err(EvaluateError::NeedsScene);
         }
-        let parameters = model.parameters_of_pose(&pose)?;
+        let parameters = parameters(model, &pose, surface.as_ref())?;
         Ok(Self { parameters, pose: Some(pose), surface })
     }
 
@@ -167,11 +167,11 @@ impl Query {
         let local = order.iter().map(|&node| of_scene.local[node]).collect();
         let pose = Pose { local, weights: of_scene.weights.clone() };
         // Its own mesh first: a scene that it was attached to may have merged some of its points.
-        let surface = match model.needs_surface().then(|| model.surface_of(&pose)).transpose()? {
+        let surface = match model.looks_at_mesh().then(|| model.surface_of(&pose)).transpose()? {
             Some(None) => Some(surface(model, scene, of_scene, &pose)?),
             own => own.flatten(),
         };
-        let parameters = model.parameters_of_pose(&pose)?;
+        let parameters = parameters(model, &pose, surface.as_ref())?;
         Ok(Self { parameters, surface, pose: Some(pose) })
     }
 
@@ -270,6 +270,16 @@ impl Query {
         let outside = model.evaluate_bounded(&input, &mut out)?;
         Ok((out, outside))
     }
+}
+
+/// The model's parameters for a pose, with its points where they are looked at.
+pub(super) fn parameters(
+    model: &Model,
+    pose: &Pose,
+    surface: Option<&Deformed>,
+) -> Result<Vec<f32>, EvaluateError> {
+    let positions = surface.map_or(&[][..], |surface| &surface.positions);
+    Ok(model.parameters_of_posed(pose, positions)?)
 }
 
 fn find_clip<'a>(scene: &'a Scene, name: &str) -> Result<&'a Clip, EvaluateError> {

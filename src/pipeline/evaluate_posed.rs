@@ -3,8 +3,8 @@
 
 use glam::Vec3;
 
-use super::evaluate::{EvaluateError, Query, node_order};
-use crate::model::{JointPose, Model};
+use super::evaluate::{EvaluateError, Query, node_order, parameters};
+use crate::model::{JointPose, Model, SourceHeader};
 use crate::rig::{self, Deformed, Facets, Pose};
 use crate::scene::Scene;
 
@@ -29,15 +29,21 @@ impl Query {
     }
 
     /// A pose given by the vertices of the posed mesh, `[vertex, 3]` in metres, in the order of the
-    /// scene's mesh. For models without parameters, such as those of cloth and of vertex sequences,
-    /// whose values are the same at every pose.
+    /// scene's mesh. For models whose parameters are dihedral angles, such as those of cloth and of
+    /// vertex sequences, and for models without parameters.
     ///
     /// # Errors
     /// [`EvaluateError::NeedsJoints`], [`EvaluateError::NeedsScene`], [`EvaluateError::Positions`],
     /// [`EvaluateError::PositionNotFinite`].
     pub fn from_positions(model: &Model, positions: &[f32]) -> Result<Self, EvaluateError> {
         check_positions(model, positions)?;
-        Self::from_joints(model, &JointPose::default())
+        let pose = model.pose_of(&JointPose::default())?;
+        if model.needs_surface() {
+            return Err(EvaluateError::NeedsScene);
+        }
+        let given = positions.chunks_exact(3).map(Vec3::from_slice);
+        let parameters = model.parameters_of_posed(&pose, &places(model, given))?;
+        Ok(Self { parameters, surface: None, pose: Some(pose) })
     }
 
     /// The same with the scene that the model is of: a model that looks at the posed mesh sees these
@@ -68,17 +74,18 @@ impl Query {
             *place = to_root.transform_point3(Vec3::from_slice(given));
         }
         facets.apply(&scene.mesh.triangles, &mut posed);
-        let surface = model.needs_surface().then(|| of_points(model, &posed)).transpose()?;
-        let parameters = model.parameters_of_pose(&pose)?;
+        let surface = model.looks_at_mesh().then(|| of_points(model, &posed)).transpose()?;
+        let parameters = parameters(model, &pose, surface.as_ref())?;
         Ok(Self { parameters, surface, pose: Some(pose) })
     }
 }
 
-/// Whether positions are those of a mesh of the model's size that has no other parameters.
+/// Whether positions are those of a mesh of the model's size that give all its parameters.
 fn check_positions(model: &Model, positions: &[f32]) -> Result<(), EvaluateError> {
-    let parameters = model.header().rig.columns.len();
-    if parameters > 0 {
-        return Err(EvaluateError::NeedsJoints(parameters));
+    let columns = model.header().rig.columns.iter();
+    let others = columns.filter(|c| !matches!(c.source, SourceHeader::Dihedral { .. })).count();
+    if others > 0 {
+        return Err(EvaluateError::NeedsJoints(others));
     }
     let (vertices, found) = (model.header().mesh.vertices as usize, positions.len());
     if found != 3 * vertices {
@@ -111,15 +118,19 @@ fn of_points(model: &Model, deformed: &Deformed) -> Result<Deformed, EvaluateErr
     if found != expected {
         return Err(EvaluateError::Vertices { found, expected });
     }
-    let mut points = Deformed {
-        positions: vec![Vec3::ZERO; model.shape().points],
-        normals: vec![Vec3::Y; model.shape().points],
-    };
-    for (vertex, &point) in model.point_of_vertex().iter().enumerate() {
-        points.positions[point as usize] = deformed.positions[vertex];
-        points.normals[point as usize] = deformed.normals[vertex];
+    Ok(Deformed {
+        positions: places(model, deformed.positions.iter().copied()),
+        normals: places(model, deformed.normals.iter().copied()),
+    })
+}
+
+/// Vectors by point of vectors by vertex.
+fn places(model: &Model, of_vertices: impl Iterator<Item = Vec3>) -> Vec<Vec3> {
+    let mut of_points = vec![Vec3::ZERO; model.shape().points];
+    for (vector, &point) in of_vertices.zip(model.point_of_vertex()) {
+        of_points[point as usize] = vector;
     }
-    Ok(points)
+    of_points
 }
 
 #[cfg(test)]

@@ -146,6 +146,9 @@ pub enum ParametrisationName {
     /// Where every joint is in the root frame, and a point beside each bone (Kirk and Arikan 2007),
     /// over the model's size; and morph weights.
     Handles,
+    /// How far the mesh folds at its edges, for cloth and whatever has no joints: at those edges that
+    /// tell the training poses apart, at most 64. Sequences of meshes have no other.
+    Dihedral,
 }
 
 /// The signal and how finely it is sampled.

@@ -171,7 +171,7 @@ fn names(groups: &[Vec<String>]) -> Vec<String> {
 
 /// Indices of parameters that go together: those of one node, or a morph weight.
 pub(super) fn groups(columns: &[ColumnHeader]) -> Vec<Vec<usize>> {
-    let mut groups: BTreeMap<(bool, u32), Vec<usize>> = BTreeMap::new();
+    let mut groups: BTreeMap<(u8, u32), Vec<usize>> = BTreeMap::new();
     for (i, column) in columns.iter().enumerate() {
         let key = match column.source {
             SourceHeader::Rotation { node, .. }
@@ -179,8 +179,10 @@ pub(super) fn groups(columns: &[ColumnHeader]) -> Vec<Vec<usize>> {
             | SourceHeader::Scale { node, .. }
             | SourceHeader::Point { node, .. }
             | SourceHeader::Tilt { node, .. }
-            | SourceHeader::Height { node, .. } => (false, node),
-            SourceHeader::Weight { slot } => (true, slot),
+            | SourceHeader::Height { node, .. } => (0, node),
+            SourceHeader::Weight { slot } => (1, slot),
+            // Each by itself: columns may share any of their points.
+            SourceHeader::Dihedral { .. } => (2, i as u32),
         };
         groups.entry(key).or_default().push(i);
     }

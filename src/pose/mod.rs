@@ -5,6 +5,7 @@
 
 mod error;
 mod evaluate;
+mod folds;
 mod repeats;
 mod schedule;
 mod spread;
@@ -20,6 +21,7 @@ use crate::rig::{
     bone_rotations, carried_weight, in_root,
 };
 use crate::scene::{Scene, size_m};
+use folds::Folds;
 use schedule::{Instant, Schedule};
 
 /// What to sample.
@@ -45,7 +47,8 @@ pub struct Settings {
     /// ([`Parametrisation::handles`]); a larger number takes the same and more. At least 1.
     /// Default: all.
     pub most: Option<usize>,
-    /// How a pose becomes numbers. Default joint angles.
+    /// How a pose becomes numbers. Default joint angles; a sequence of meshes has dihedral angles
+    /// only.
     pub parametrisation: ParametrisationKind,
     /// Draws the clips that are held out. Default 0.
     pub seed: u64,
@@ -195,8 +198,16 @@ pub fn sample(scene: &Scene, settings: &Settings) -> Result<PoseSet, Error> {
     let training = drafts.iter().filter(|draft| draft.instant.split == Split::Training);
     // The number of a frame is no measure of its shape.
     let names = if scene.is_sequence { &[][..] } else { names };
-    let parametrisation = match settings.parametrisation {
+    let points = Points::merge(&scene.mesh);
+    let kind = kind(scene, settings);
+    let folds = (kind == ParametrisationKind::Dihedral).then(|| Folds::of(scene, &points, &root));
+    let parametrisation = match kind {
         ParametrisationKind::JointAngles => angles(scene, &root, size_m, names, training),
+        ParametrisationKind::Dihedral => {
+            let folds = folds.as_ref().expect("made for this kind");
+            let angles: Vec<_> = training.map(|d| folds.angles(&d.pose, &root)).collect();
+            Parametrisation::dihedral(&folds.hinges, &angles, size_m)
+        }
         ParametrisationKind::Handles => {
             let poses: Vec<_> = training.map(|d| (&d.pose, root.inside(&d.pose))).collect();
             Parametrisation::handles(&scene.skeleton, &poses, size_m, &carries(scene), names)
@@ -208,11 +219,13 @@ pub fn sample(scene: &Scene, settings: &Settings) -> Result<PoseSet, Error> {
         keep_apart(&mut drafts, scene, &root, size_m, most);
     }
     let passed_over = before - drafts.len();
-    let points = Points::merge(&scene.mesh);
     let bones = Bones::dominant(&scene.mesh, &points);
     let parameters = drafts
         .iter()
-        .flat_map(|draft| parametrisation.encode(&draft.pose, &root.inside(&draft.pose)))
+        .flat_map(|Draft { pose, .. }| {
+            let positions = folds.as_ref().map(|folds| folds.positions(pose, &root));
+            parametrisation.encode_posed(pose, &root.inside(pose), &positions.unwrap_or_default())
+        })
         .collect();
     let samples = drafts.into_iter().map(|draft| draft.into_sample(&root, &bones)).collect();
     let clip_names = clip_names(&schedule);
@@ -229,6 +242,11 @@ pub fn sample(scene: &Scene, settings: &Settings) -> Result<PoseSet, Error> {
         near_repeats,
         passed_over,
     })
+}
+
+/// What a sequence of meshes has no joints for, its folds tell.
+fn kind(scene: &Scene, settings: &Settings) -> ParametrisationKind {
+    if scene.is_sequence { ParametrisationKind::Dihedral } else { settings.parametrisation }
 }
 
 fn check(settings: &Settings) -> Result<(), Error> {

@@ -2,8 +2,8 @@
 
 use glam::{Affine3A, Quat, Vec3};
 
-use super::Pose;
 use super::rotation::{nearest_rotation, rotation_vector};
+use super::{Pose, dihedral};
 
 /// A degree of freedom whose standard deviation over the training poses is at most this (radians,
 /// model sizes, or units of scale and weight) is noise of the file's encoding, not motion.
@@ -19,6 +19,8 @@ pub enum ParametrisationKind {
     JointAngles,
     /// Positions of joints and of points beside the bones ([`Parametrisation::handles`]).
     Handles,
+    /// Angles between neighbouring triangles ([`Parametrisation::dihedral`]).
+    Dihedral,
 }
 
 /// Where one parameter comes from.
@@ -83,6 +85,14 @@ pub enum Source {
         /// Index into [`Pose::weights`].
         slot: usize,
     },
+    /// How far two triangles (a, b, c) and (b, a, d) are from flat, radians, less `mean` by the
+    /// short way.
+    Dihedral {
+        /// The points a, b, c, d.
+        corners: [u32; 4],
+        /// Radians.
+        mean: f32,
+    },
 }
 
 /// One parameter.
@@ -127,9 +137,20 @@ impl Parametrisation {
     /// counts as the mean.
     ///
     /// # Panics
-    /// If the pose has fewer nodes or weights than the columns refer to.
+    /// If the pose has fewer nodes or weights than the columns refer to, or
+    /// [`needs_positions`](Self::needs_positions).
     #[must_use]
     pub fn encode(&self, pose: &Pose, in_root: &[Affine3A]) -> Vec<f32> {
+        self.encode_posed(pose, in_root, &[])
+    }
+
+    /// [`encode`](Self::encode) with the positions of the posed mesh's points, in any frame and at any
+    /// scale; only [`Source::Dihedral`] looks at them.
+    ///
+    /// # Panics
+    /// As `encode`; if there are fewer positions than the columns refer to.
+    #[must_use]
+    pub fn encode_posed(&self, pose: &Pose, in_root: &[Affine3A], positions: &[Vec3]) -> Vec<f32> {
         // The components of a joint or point follow each other: one logarithm or product serves.
         let mut last = (usize::MAX, Vec3::ZERO);
         let mut last_point = (usize::MAX, Vec3::ZERO, Vec3::ZERO);
@@ -158,6 +179,9 @@ impl Parametrisation {
                 Source::Tilt { node, axis, rest } => tilt(&in_root[node], rest)[usize::from(axis)],
                 Source::Height { node, rest } => (in_root[node].translation.y - rest) / self.size_m,
                 Source::Weight { slot } => pose.weights[slot],
+                Source::Dihedral { corners, mean } => {
+                    dihedral::turn(f64::from(mean), dihedral::angle(positions, corners)) as f32
+                }
             })
             .collect()
     }
@@ -170,6 +194,13 @@ impl Parametrisation {
             matches!(source, Source::Point { .. } | Source::Tilt { .. } | Source::Height { .. })
         };
         self.columns.iter().any(|column| needs(column.source))
+    }
+
+    /// Whether some parameter is a matter of the posed mesh, so that only
+    /// [`encode_posed`](Self::encode_posed) gives it.
+    #[must_use]
+    pub fn needs_positions(&self) -> bool {
+        self.columns.iter().any(|column| matches!(column.source, Source::Dihedral { .. }))
     }
 
     /// Puts tilt and height of the whole character before the other parameters, as far as they
@@ -269,7 +300,7 @@ fn node_of(source: Source) -> Option<usize> {
         | Source::Point { node, .. }
         | Source::Tilt { node, .. }
         | Source::Height { node, .. } => Some(node),
-        Source::Weight { .. } => None,
+        Source::Weight { .. } | Source::Dihedral { .. } => None,
     }
 }
 

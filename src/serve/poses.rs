@@ -296,7 +296,7 @@ pub(super) fn check_time(time_s: f32) -> Result<(), &'static str> {
 
 /// Whether the posed mesh is looked at, and the model does not carry it.
 pub(super) fn needs_scene(model: &Model) -> bool {
-    model.needs_surface() && model.rest().is_none()
+    model.looks_at_mesh() && model.rest().is_none()
 }
 
 /// A pose by the vertices of its mesh, with the scene where the model looks at them.

@@ -36,6 +36,7 @@ struct Version {
 pub(super) fn read(bytes: &[u8]) -> Result<Model, Error> {
     let (mut header, mut tensors) = open(bytes)?;
     header.check()?;
+    header.rig.check_points(header.mesh.points)?;
     let mut shape = shape(&header, &tensors)?;
     let detail = detail(&header, &mut shape, &tensors)?;
     let arrays = entries(header.family, &shape, &detail)

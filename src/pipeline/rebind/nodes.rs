@@ -33,7 +33,7 @@ pub(super) fn kept<'a>(model: &'a Model, scene: &Scene) -> Result<Kept<'a>, Rebi
             | SourceHeader::Point { node, .. }
             | SourceHeader::Tilt { node, .. }
             | SourceHeader::Height { node, .. } => needed[node as usize] = true,
-            SourceHeader::Weight { .. } => {}
+            SourceHeader::Weight { .. } | SourceHeader::Dihedral { .. } => {}
         }
     }
     for deformer in model.rest().iter().flat_map(|mesh| &mesh.deformers) {
