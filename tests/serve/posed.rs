@@ -97,28 +97,41 @@ fn cloth_is_looked_at() {
     let digest = sha256(&archive);
     let kept = server.put(&format!("/v1/assets/{digest}?name=sheet.npz"), &archive, &[]);
     assert_eq!(kept.status, 201, "{}", kept.text());
-    let recipe = json!({
-        "version": 1,
-        "bake": { "signal": "transfer", "order": 2, "rays": 16 },
-        "poses": { "near_repeat": 0 },
-        "fit": { "family": "occluder", "spheres": 4 },
-        "target": { "reference_poses": 1 },
-    });
-    let request = json!({ "kind": "run", "assets": { "sheet.npz": digest }, "recipe": recipe });
-    let done = finish(&server, &request);
-    let path = format!("{}/evaluate", done["result"]["href"].as_str().expect("a model"));
-    let values = |body: &Value| -> Vec<f64> {
-        let answer = server.post(&path, body, &[]);
-        assert_eq!(answer.status, 200, "{}", answer.text());
-        let answer = answer.json();
-        answer["values"].as_array().into_iter().flatten().filter_map(Value::as_f64).collect()
-    };
-    let by_vertices = values(&json!({ "positions": [sheet(0.0), sheet(-0.5), sheet(-1.5)] }));
-    let by_clip = values(&json!({ "clip": { "name": "sequence", "times_s": [0.0, 0.5, 1.5] } }));
-    assert_eq!(by_vertices.len(), 3 * 25 * 4);
-    let far =
-        |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-    assert!(far(&by_vertices, &by_clip) < 1e-4, "{}", far(&by_vertices, &by_clip));
-    assert!(far(&by_vertices[..100], &by_vertices[200..]) > 0.05, "the pose has no part in it");
-    assert_eq!(refused(&server, &path, &json!({ "positions": [vec![0.0; 3]] })), "#/positions/0");
+    for fit in [json!({ "family": "occluder", "spheres": 4 }), json!({ "family": "linear" })] {
+        let recipe = json!({
+            "version": 1,
+            "bake": { "signal": "transfer", "order": 2, "rays": 16 },
+            "poses": { "near_repeat": 0, "rate_hz": 4 },
+            "fit": fit,
+            "target": { "reference_poses": 1 },
+        });
+        let request = json!({ "kind": "run", "assets": { "sheet.npz": digest }, "recipe": recipe });
+        let done = finish(&server, &request);
+        let path = format!("{}/evaluate", done["result"]["href"].as_str().expect("a model"));
+        let asked = |body: &Value| -> Value {
+            let answer = server.post(&path, body, &[]);
+            assert_eq!(answer.status, 200, "{}", answer.text());
+            answer.json()
+        };
+        let values = |answer: &Value| -> Vec<f64> {
+            answer["values"].as_array().into_iter().flatten().filter_map(Value::as_f64).collect()
+        };
+        let meshes = json!({ "positions": [sheet(0.0), sheet(-0.5), sheet(-1.5)] });
+        let by_vertices = values(&asked(&meshes));
+        let clip = json!({ "clip": { "name": "sequence", "times_s": [0.0, 0.5, 1.5] } });
+        let by_clip = values(&asked(&clip));
+        assert_eq!(by_vertices.len(), 3 * 25 * 4);
+        let far =
+            |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(far(&by_vertices, &by_clip) < 1e-4, "{}", far(&by_vertices, &by_clip));
+        let pose = far(&by_vertices[..100], &by_vertices[200..]);
+        assert!(pose > 0.05, "the pose has no part in it");
+        // A sheet that folds the other way is far from all that was trained on.
+        let strange = asked(&json!({ "positions": [sheet(-0.5), sheet(3.0)] }));
+        let distances = strange["distances"].as_array().expect("one a pose");
+        let far = |i: usize| distances[i]["mahalanobis"].as_f64().expect("a number");
+        assert!(far(1) > 2.0 && far(1) > 2.0 * far(0), "{distances:?}");
+        let fault = refused(&server, &path, &json!({ "positions": [vec![0.0; 3]] }));
+        assert_eq!(fault, "#/positions/0");
+    }
 }
