@@ -10,6 +10,7 @@ use crate::rig::Points;
 use crate::trace::Device;
 
 use super::adaptive::Adaptive;
+use super::borders::Borders;
 use super::bounce::{Bounces, MOST_ROW_BYTES};
 use super::diffusion::{self, Cloud};
 use super::kernel::{Scratch, bake_point};
@@ -68,6 +69,7 @@ impl Baker {
             device,
             triangles: triangles.to_vec(),
             points: points.clone(),
+            borders: Borders::of(triangles, points),
             trees: Trees::one(triangles),
             surroundings: Surroundings::default(),
             openings: None,
@@ -324,8 +326,9 @@ impl Baker {
     fn at_points(&self, pose: BakedPose) -> BakedPose {
         let Some(fit) = &self.stage.fit else { return pose };
         let mean = (pose.rays.len() as f64 / fit.points() as f64 * self.plan.rays() as f64).round();
+        let bounds = (self.plan.signal == Signal::Ao).then_some([0.0, 1.0]);
         BakedPose {
-            coefficients: fit.solve(&pose.coefficients, self.plan.coefficients),
+            coefficients: fit.solve(&pose.coefficients, self.plan.coefficients, bounds),
             noise: fit.noise(&pose.noise),
             rays: vec![mean as u32; fit.points()],
         }

@@ -4,7 +4,8 @@
 //! min over x of Σ_s A_s (Σ_i w_si x_i − f_s)² + α Σ_e (A₁ + A₂) ℓ² ‖∇₁x − ∇₂x‖²: the first sum over
 //! sites with their area and corner weights, the second over inner edges with the areas and the
 //! gradients of the two triangles, which vanishes for every linear function; ℓ is the mean edge,
-//! so that α has no unit. Sampling at vertices alone sees what lies between them not at all; this
+//! so that α has no unit. And β Σ_t A_t/n_t Σ (x_i − x_j)² over the sides of each triangle of n_t
+//! sites: where few sites and no neighbour say how its corners differ, they agree. Sampling at vertices alone sees what lies between them not at all; this
 //! sees it as far as the triangles can show it.
 
 use std::collections::BTreeMap;
@@ -20,8 +21,15 @@ use super::surroundings::NO_POINT;
 /// α: small beside the data wherever there are data, enough to decide where there are none.
 const SMOOTHNESS: f64 = 0.05;
 
-/// Conjugate gradients end at this residual, relative to the right side.
+/// β: of no weight beside a few sites.
+const FLATNESS: f64 = 0.002;
+
+/// Conjugate gradients end where no point's residual is larger than this, relative to the largest
+/// value on the right; both over the diagonal, so that small triangles count as large ones do.
 const TOLERANCE: f64 = 1e-6;
+
+/// Times that values are put back within their bounds.
+const MOST_ROUNDS: usize = 4;
 
 /// Or after so many steps: by then a mesh of this kind has always converged.
 const MOST_STEPS: usize = 500;
@@ -58,6 +66,17 @@ impl LeastSquares {
             let weights = site.weights.map(f64::from);
             add_square(&mut entries, at, &weights, f64::from(site.area));
         }
+        let mut start = 0;
+        while start < sites.len() {
+            let alike = |site: &Site| site.triangle == sites[start].triangle;
+            let count = sites[start..].iter().take_while(|site| alike(site)).count();
+            let area: f64 = sites[start..start + count].iter().map(|s| f64::from(s.area)).sum();
+            let [a, b, c] = corners[start];
+            for ends in [[a, b], [b, c], [c, a]] {
+                add_square(&mut entries, &ends, &[1.0, -1.0], FLATNESS * area / count as f64);
+            }
+            start += count;
+        }
         for edge in hinges(stage, positions) {
             add_square(&mut entries, &edge.points, &edge.weights, SMOOTHNESS * edge.strength);
         }
@@ -85,8 +104,14 @@ impl LeastSquares {
         self.diagonal.len()
     }
 
-    /// `[site, width]` to `[point, width]`.
-    pub(super) fn solve(&self, samples: &[f32], width: usize) -> Vec<f32> {
+    /// `[site, width]` to `[point, width]`, within bounds where there are any: where light ends within
+    /// a triangle, the best straight line would go on beyond them.
+    pub(super) fn solve(
+        &self,
+        samples: &[f32],
+        width: usize,
+        bounds: Option<[f64; 2]>,
+    ) -> Vec<f32> {
         let column = |column: usize| {
             let mut right = vec![0.0; self.points()];
             for (index, (site, at)) in self.sites.iter().zip(&self.corners).enumerate() {
@@ -95,7 +120,7 @@ impl LeastSquares {
                     right[point as usize] += value * f64::from(weight);
                 }
             }
-            self.conjugate_gradients(&right)
+            self.within(&right, bounds)
         };
         let columns: Vec<Vec<f64>> = (0..width).into_par_iter().map(column).collect();
         let value = |(point, column): (usize, usize)| columns[column][point] as f32;
@@ -119,21 +144,42 @@ impl LeastSquares {
         sums.into_iter().map(|sum| of(sum) as f32).collect()
     }
 
-    /// With the diagonal as preconditioner; from 0.
-    fn conjugate_gradients(&self, right: &[f64]) -> Vec<f64> {
-        let mut x = vec![0.0; right.len()];
-        let mut residual = right.to_vec();
+    /// What is out of bounds is held at them, and the others are fitted again beside it.
+    fn within(&self, right: &[f64], bounds: Option<[f64; 2]>) -> Vec<f64> {
+        let mut held = vec![false; right.len()];
+        let mut x = self.conjugate_gradients(right, vec![0.0; right.len()], &held);
+        let Some([least, most]) = bounds else { return x };
+        for _ in 0..MOST_ROUNDS {
+            let outside = |x: f64| x < least - TOLERANCE || x > most + TOLERANCE;
+            if !x.iter().any(|&x| outside(x)) {
+                break;
+            }
+            for (x, held) in x.iter_mut().zip(&mut held).filter(|(x, _)| outside(**x)) {
+                (*x, *held) = (x.clamp(least, most), true);
+            }
+            x = self.conjugate_gradients(right, x, &held);
+        }
+        x.iter().map(|x| x.clamp(least, most)).collect()
+    }
+
+    /// With the diagonal as preconditioner; what is held stays as it is.
+    fn conjugate_gradients(&self, right: &[f64], mut x: Vec<f64>, held: &[bool]) -> Vec<f64> {
+        let free = |image: Vec<f64>| -> Vec<f64> {
+            image.into_iter().zip(held).map(|(x, &held)| if held { 0.0 } else { x }).collect()
+        };
+        let image = self.apply(&x);
+        let mut residual = free(right.iter().zip(image).map(|(b, image)| b - image).collect());
         let scaled =
             |r: &[f64]| -> Vec<f64> { r.iter().zip(&self.diagonal).map(|(r, d)| r / d).collect() };
+        let reach = TOLERANCE * largest(&scaled(right));
         let mut z = scaled(&residual);
         let mut direction = z.clone();
         let mut energy = dot(&residual, &z);
-        let enough = TOLERANCE * TOLERANCE * dot(right, right);
         for _ in 0..MOST_STEPS {
-            if dot(&residual, &residual) <= enough {
+            if largest(&z) <= reach {
                 break;
             }
-            let image = self.apply(&direction);
+            let image = free(self.apply(&direction));
             let step = energy / dot(&direction, &image);
             for i in 0..x.len() {
                 x[i] += step * direction[i];
@@ -157,6 +203,10 @@ impl LeastSquares {
         };
         (0..x.len()).map(row).collect()
     }
+}
+
+fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |most, value| value.abs().max(most))
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {

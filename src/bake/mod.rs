@@ -14,6 +14,7 @@
 mod adaptive;
 mod allocate;
 mod baker;
+mod borders;
 mod bounce;
 mod buried;
 mod cost;

@@ -11,6 +11,7 @@ use glam::Vec3;
 use crate::rig::Points;
 use crate::trace;
 
+use super::borders::Borders;
 use super::least_squares::LeastSquares;
 use super::sites::Site;
 use super::surroundings::{NO_POINT, Surroundings, Trees};
@@ -23,6 +24,14 @@ const OFFSET_IN_EDGES: f32 = 1e-4;
 /// The offset in spacings of floating-point numbers at the point's largest coordinate: rounding
 /// origin and vertices loses less than 2.
 const OFFSET_IN_SPACINGS: f32 = 8.0;
+
+/// The least cosine between a point's normal and that of its own triangles where its surface is flat: 0.8°,
+/// as far as coarsely stored normals are off.
+const UPRIGHT: f32 = 0.9999;
+
+/// The least length of the sum of a point's triangles' normals, over the sum of their lengths, where they
+/// are one plane.
+const PLANE: f32 = 0.999_98;
 
 /// One pose ready for tracing; lengths in the scaled space.
 #[derive(Debug)]
@@ -52,6 +61,8 @@ pub(super) struct Stage {
     pub(super) device: trace::Device,
     pub(super) triangles: Vec<[u32; 3]>,
     pub(super) points: Points,
+    /// Where surfaces end.
+    pub(super) borders: Borders,
     pub(super) trees: Trees,
     pub(super) surroundings: Surroundings,
     /// What lets rays through, where anything does.
@@ -67,6 +78,8 @@ pub(super) struct Stage {
 struct Around {
     /// Twice the sum of the triangles' areas times their normals.
     normal: Vec3,
+    /// The same of the lengths.
+    area: f32,
     edge_sum: f32,
     edges: u32,
 }
@@ -95,12 +108,17 @@ impl Posed {
             .zip(&around)
             .map(|(&vertex, around)| shading_normal(mesh.normals[vertex as usize], around.normal))
             .collect();
-        let origin = |((&vertex, around), &normal): ((&u32, &Around), &Vec3)| {
+        let inwards = stage.borders.inwards(points, &positions);
+        let origin = |(point, &vertex): (usize, &u32)| {
             let vertex = vertex as usize;
-            let spacing = space.spacing(mesh.positions[vertex]);
-            positions[vertex] + around.offset(normal, spacing)
+            let length = around[point].offset(space.spacing(mesh.positions[vertex]));
+            let outwards = around[point].outwards(normals[point]);
+            // Bent triangles and leaning normals mean a round surface, which goes on at the border.
+            let flat = around[point].is_plane() && outwards.dot(normals[point]) > UPRIGHT;
+            let inwards = if flat { inwards[point] } else { Vec3::ZERO };
+            positions[vertex] + length * (outwards + inwards)
         };
-        let origins = points.vertex.iter().zip(&around).zip(&normals).map(origin).collect();
+        let origins = points.vertex.iter().enumerate().map(origin).collect();
         let height =
             |ground: f32, vertex: u32| (mesh.positions[vertex as usize].y - ground) * space.scale;
         let heights = |ground| points.vertex.iter().map(|&v| height(ground, v)).collect();
@@ -236,6 +254,7 @@ fn surroundings(triangles: &[[u32; 3]], points: &Points, positions: &[Vec3]) -> 
             }
             let here = &mut around[point as usize];
             here.normal += normal;
+            here.area += normal.length();
             here.edge_sum += edge_sum;
             here.edges += 2;
         }
@@ -244,13 +263,21 @@ fn surroundings(triangles: &[[u32; 3]], points: &Points, positions: &[Vec3]) -> 
 }
 
 impl Around {
-    /// From the point to where its rays start: along the geometric normal on the shading side.
-    fn offset(&self, shading_normal: Vec3, spacing: f32) -> Vec3 {
+    /// How far from all surfaces through the point its rays start.
+    fn offset(&self, spacing: f32) -> f32 {
         let edge = if self.edges > 0 { self.edge_sum / self.edges as f32 } else { 0.0 };
-        let length = (OFFSET_IN_EDGES * edge).max(OFFSET_IN_SPACINGS * spacing);
+        (OFFSET_IN_EDGES * edge).max(OFFSET_IN_SPACINGS * spacing)
+    }
+
+    fn is_plane(&self) -> bool {
+        self.normal.length() > PLANE * self.area
+    }
+
+    /// The geometric normal on the shading side.
+    fn outwards(&self, shading_normal: Vec3) -> Vec3 {
         let geometric = unit(self.normal).unwrap_or(shading_normal);
         let side = if geometric.dot(shading_normal) < 0.0 { -1.0 } else { 1.0 };
-        geometric * (side * length)
+        geometric * side
     }
 }
 

@@ -12,7 +12,7 @@ use crate::scene::Source;
 
 /// Changes whenever the same recipe begins to give other bytes, so that old results are not
 /// mistaken for new ones.
-const ALGORITHM: u32 = 1;
+const ALGORITHM: u32 = 2;
 
 /// The hashes of a resolved recipe, lower-case hexadecimal.
 #[derive(Debug, Clone, PartialEq, Eq)]

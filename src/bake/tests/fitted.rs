@@ -48,6 +48,29 @@ fn a_constant_is_kept() {
     assert!(baked[0].noise.iter().all(|&noise| noise == 0.0));
 }
 
+/// One large square among many small triangles that touch nothing, nothing blocked: every value is 1,
+/// though a small triangle has one site for its three corners.
+#[test]
+fn lonely_triangles_keep_their_values() {
+    let mut body = Body::nothing();
+    let c = |x: f32, z: f32| Vec3::new(x, 0.0, z);
+    body.quad([c(-10.0, 10.0), c(10.0, 10.0), c(10.0, -10.0), c(-10.0, -10.0)]);
+    for i in 0..40 {
+        let (first, x) = (body.positions.len() as u32, 12.0 + 0.1 * i as f32);
+        body.positions.extend([c(x, 0.0), c(x, 0.01), c(x + 0.01, 0.0)]);
+        body.normals.extend([Vec3::Y; 3]);
+        body.triangles.push([first, first + 1, first + 2]);
+    }
+    for per_point in [2, 8] {
+        let baker = body.baker(&settings(Signal::Ao, 16));
+        let baker = baker.fitted(&body.positions, per_point).unwrap();
+        let baked = baker.bake(&[body.posed(0.0)], &AtomicBool::new(false)).unwrap();
+        let worst = |worst: f32, ao: &f32| worst.max((ao - 1.0).abs());
+        let worst = baked[0].coefficients.iter().fold(0.0, worst);
+        assert!(worst < 1e-4, "{per_point} sites a point: {worst}");
+    }
+}
+
 /// The shadow terminator: a coarse sphere with smooth normals means a round one, whose ambient occlusion is 1
 /// everywhere. At its vertices that is so whatever its facets do. Between them rays that start on the facets
 /// meet the facets beside: the fit is some hundredths dark. Rays that start on the surface that the normals
