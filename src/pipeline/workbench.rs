@@ -353,13 +353,8 @@ impl Bench<'_> {
         let fixed = each * model.decoder().numbers_of_poses() as f64;
         let growth = self.bench.ratio - 1.0;
         let decoder = (sizes.decoder as f64 - fixed).max(0.0) * growth;
-        let map = if layout.vertices == layout.points {
-            0
-        } else if layout.points > 1 << 16 {
-            4 * layout.vertices
-        } else {
-            2 * layout.vertices
-        };
+        let index = if layout.points > 1 << 16 { 4 } else { 2 };
+        let map = if layout.vertices == layout.points { 0 } else { index * layout.vertices };
         let rest = (sizes.maps + sizes.occluders) as f64 * growth + map as f64;
         point.bytes += (decoder + rest) as u64;
         point.tensor_bytes += decoder as u64;
