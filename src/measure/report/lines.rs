@@ -1,6 +1,6 @@
 //! Studies as lines: one quantity over a size, for several models, as a file of its own.
 
-use super::scatter::{COLOURS, as_file};
+use super::scatter::{COLOURS, WIDTH, as_file};
 use super::svg::{Axis, Plot};
 use super::text::number;
 
@@ -48,7 +48,7 @@ fn drawn(lines: &Lines<'_>, log_y: bool) -> String {
     };
     let bottom = all().map(|p| p.1).fold(top, f64::min);
     let y = if log_y { Axis::log(bottom / 1.1, top * 1.1) } else { Axis::from_zero(top * 1.04) };
-    let mut plot = Plot::new("study", (960.0, 420.0), (x, y));
+    let mut plot = Plot::new("study", (WIDTH, 420.0), (x, y));
     plot.grid(lines.x_name, lines.y_name);
     for (i, (name, points)) in lines.series.iter().enumerate() {
         let colour = i % COLOURS.len();

@@ -8,6 +8,9 @@ use super::text::escape;
 pub(super) const COLOURS: [&str; 8] =
     ["#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#bb7744", "#888888"];
 
+/// Width of the plot in a file of its own, pixels.
+pub(super) const WIDTH: f64 = 960.0;
+
 /// A point: across, up, index of its group, and what a pointer shows.
 pub type Place = (f64, f64, usize, String);
 
@@ -43,7 +46,7 @@ pub fn scatter(scatter: &Scatter<'_>) -> String {
         }
     };
     let axes = (range(|p| p.0), range(|p| p.1));
-    let mut plot = Plot::new("tradeoff", (960.0, 540.0), axes);
+    let mut plot = Plot::new("tradeoff", (WIDTH, 540.0), axes);
     plot.grid(scatter.x_name, scatter.y_name);
     let front = scatter.front.iter().map(|&i| &scatter.points[i]).filter(drawn);
     plot.line("front", front.map(|p| (p.0, p.1)));
@@ -58,7 +61,11 @@ pub fn scatter(scatter: &Scatter<'_>) -> String {
 pub(super) fn as_file(picture: &str, groups: &[String]) -> String {
     let head =
         "<svg xmlns=\"http://www.w3.org/2000/svg\" font-family=\"sans-serif\" font-size=\"12\" ";
-    let picture = picture.replacen("<svg ", head, 1);
+    // The legend stands beside the plot, some seven pixels a letter.
+    let letters = groups.iter().map(|name| name.chars().count()).max().unwrap_or(0);
+    let narrow = format!("viewBox=\"0 0 {WIDTH} ");
+    let wide = format!("viewBox=\"0 0 {} ", WIDTH + 28.0 + 7.0 * letters as f64);
+    let picture = picture.replacen("<svg ", head, 1).replacen(&narrow, &wide, 1);
     let Some(end) = picture.find('>') else { return picture };
     format!("{}{}{}{}", &picture[..=end], style(), legend(groups), &picture[end + 1..])
 }
@@ -78,7 +85,9 @@ fn legend(groups: &[String]) -> String {
         let y = 40 + 18 * i;
         let class = i % COLOURS.len();
         format!(
-            r#"<circle class="g{class}" cx="800" cy="{y}" r="4"/><text x="812" y="{}">{}</text>"#,
+            r#"<circle class="g{class}" cx="{}" cy="{y}" r="4"/><text x="{}" y="{}">{}</text>"#,
+            WIDTH + 6.0,
+            WIDTH + 18.0,
             y + 4,
             escape(name)
         )

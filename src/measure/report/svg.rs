@@ -54,7 +54,8 @@ impl Axis {
 
     /// Round places and their labels.
     pub(super) fn ticks(self, count: usize) -> Vec<(f64, String)> {
-        if self.log {
+        // Within less than a decade equal steps are as good as equal ratios.
+        if self.log && self.high / self.low > 8.0 {
             return self.log_ticks();
         }
         let step = self.step(count);
@@ -73,20 +74,20 @@ impl Axis {
     fn log_ticks(self) -> Vec<(f64, String)> {
         let decades =
             (self.low.log10() - 1e-9).ceil() as i32..=(self.high.log10() + 1e-9).floor() as i32;
-        let skip = (decades.clone().count() / 7 + 1) as i32;
-        decades
-            .filter(|d| d.rem_euclid(skip) == 0)
-            .map(|d| {
-                (
-                    10f64.powi(d),
-                    if (-3..5).contains(&d) {
-                        number(10f64.powi(d), 1)
-                    } else {
-                        format!("10{}", superscript(d))
-                    },
-                )
-            })
-            .collect()
+        let count = decades.clone().count();
+        if count <= 2 {
+            let (first, last) = (*decades.start() - 1, *decades.end() + 1);
+            let all = (first..=last).flat_map(|d| [1.0, 2.0, 5.0].map(|m| m * 10f64.powi(d)));
+            let inside = |x: &f64| (self.low * 0.999..self.high * 1.001).contains(x);
+            return all.filter(inside).map(|x| (x, number(x, 1))).collect();
+        }
+        let skip = (count / 7 + 1) as i32;
+        let label = |d: i32| match d {
+            -3..5 => number(10f64.powi(d), 1),
+            _ => format!("10{}", superscript(d)),
+        };
+        let whole = decades.filter(|d| d.rem_euclid(skip) == 0);
+        whole.map(|d| (10f64.powi(d), label(d))).collect()
     }
 }
 
@@ -256,6 +257,8 @@ mod tests {
         );
         assert_eq!(labels(Axis::linear(0.0, 3.3), 6), "0 1 2 3");
         assert_eq!(labels(Axis::log(1.0, 1000.0), 6), "1 10 100 1000");
+        assert_eq!(labels(Axis::log(0.4, 26.0), 6), "0.5 1 2 5 10 20");
+        assert_eq!(labels(Axis::log(200.0, 900.0), 6), "200 400 600 800");
         assert_eq!(labels(Axis::log(1e-8, 1.0), 6), "10⁻⁸ 10⁻⁶ 10⁻⁴ 0.01 1");
         assert!(!Axis::linear(5.0, 5.0).ticks(4).is_empty(), "a range of nothing still has ticks");
     }
