@@ -18,7 +18,7 @@ pub mod pose {
         /// By the model's own parameters.
         #[prost(message, tag = "3")]
         Parameters(super::Parameters),
-        /// By the vertices of the posed mesh, for models without parameters, such as those of cloth.
+        /// By the vertices of the posed mesh, for models of cloth and models without parameters.
         #[prost(message, tag = "4")]
         Positions(super::Positions),
         /// By a time of a clip of the scene.
