@@ -16,12 +16,14 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use glam::{Mat3, Quat, Vec3};
+use poselight::num::cpu::Isa;
 use poselight::num::random::Stream;
+use poselight::rig::{Deformed, Pose, RigidFrame, Tangents, coherence, deform, smoothness};
 use poselight::scene;
 use poselight::sh::{Order, Rotation, TripleProduct, evaluate_f64, gauss_legendre};
 use poselight::shade::{
     Brdf, EnvironmentMap, GlobalReflector, HeightField, HorizonShadows, Reflectance, Reflector,
-    ShLight, Sphere, SphereShadows, ZonalLight, factor,
+    ShLight, ShadedPoints, Sphere, SphereShadows, ZonalLight, factor,
 };
 use rayon::prelude::*;
 
@@ -29,7 +31,7 @@ const ROUNDS: usize = 60;
 
 fn main() {
     let words: Vec<String> = std::env::args().skip(1).filter(|w| !w.starts_with('-')).collect();
-    let parts: [(&str, fn()); 7] = [
+    let parts: [(&str, fn()); 8] = [
         ("products", products),
         ("agreement", agreement),
         ("lobes", lobes),
@@ -37,6 +39,7 @@ fn main() {
         ("points", shading),
         ("spheres", shadows),
         ("heights", heights),
+        ("tangents", tangents),
     ];
     for (name, part) in parts {
         if words.is_empty() || words.iter().any(|word| name.contains(word.as_str())) {
@@ -330,12 +333,16 @@ fn shading() {
     let lobes = ZonalLight::fit(&light, 3);
     let points = points();
     let visibility = numbers(16 * POINTS);
+    let frames: Vec<Mat3> = points.iter().map(|(frame, _)| *frame).collect();
+    let views: Vec<Vec3> = points.iter().map(|(_, view)| *view).collect();
     println!(
         "\n| 14,500 points, 3 lobes, RGB light | threads | ms | frames per second |\n|---|---|---|---|"
     );
-    for (name, brdf) in
-        [brdfs()[2], ("Lambert in three colours", Brdf::Lambert { albedo: [0.8, 0.5, 0.2] })]
-    {
+    let colours = [0.9, 0.6, 0.3];
+    let gold = Brdf::Ggx { normal_reflectance: colours, alpha: [0.5; 2] };
+    let lambert = Brdf::Lambert { albedo: colours };
+    let all = [brdfs()[2], ("GGX in three colours", gold), ("Lambert in three colours", lambert)];
+    for (name, brdf) in all {
         let operators = factor(&brdf, n, 48).unwrap().map(|colour| colour.operator(8));
         let reflector = Reflector::new(name, &operators, [0.0; 3]);
         let shade = |((to_local, view), v): (&Point, &[f32])| {
@@ -343,6 +350,15 @@ fn shading() {
             let [r, g, b] = &mut light;
             lobes.in_frame(*to_local, [r, g, b]);
             reflector.shade(v, [&light[0], &light[1], &light[2]], *view)
+        };
+        let many = |first: usize, out: &mut [[f32; 3]]| {
+            let range = first..first + out.len();
+            let shaded = ShadedPoints {
+                to_local: &frames[range.clone()],
+                outgoing: &views[range],
+                visibility: &visibility[16 * first..16 * (first + out.len())],
+            };
+            reflector.shade_points(Isa::best(), &lobes, shaded, out);
         };
         let common = GlobalReflector::new(name, &operators, 256);
         let expanded = lobes.expand();
@@ -352,14 +368,19 @@ fn shading() {
             let (normal, outgoing) = (to_local.row(2), to_local.transpose() * *view);
             common.shade(common.nearest(normal), v, [&r, &g, &b], outgoing)
         };
-        let [one, two] = frame_us(&points, &visibility, &shade);
-        let [one_common, two_common] = frame_us(&points, &visibility, &in_common);
+        let [one, two] = frame_us(&by_blocks(&many));
+        let [one_single, two_single] = frame_us(&by_points(&points, &visibility, &shade));
+        let [one_common, two_common] = frame_us(&by_points(&points, &visibility, &in_common));
         let kilobytes = common.bytes() / 1000;
         let other = format!("{name}, one frame for all, 256 normals, {kilobytes} kB");
         let threads = rayon::current_num_threads();
+        let single = format!("{name}, point by point");
+        let name = format!("{name}, {} terms", reflector.header().terms);
         for (name, threads, time) in [
-            (name, 1, one),
-            (name, threads, two),
+            (&name, 1, one),
+            (&name, threads, two),
+            (&single, 1, one_single),
+            (&single, threads, two_single),
             (&other, 1, one_common),
             (&other, threads, two_common),
         ] {
@@ -368,33 +389,45 @@ fn shading() {
     }
 }
 
+/// Shades a frame, on one thread or on all.
+type Frame<'a> = Box<dyn Fn(&mut [[f32; 3]], bool) + 'a>;
+
+fn by_points<'a>(
+    points: &'a [Point],
+    visibility: &'a [f32],
+    shade: &'a (impl Fn((&Point, &[f32])) -> [f32; 3] + Sync),
+) -> Frame<'a> {
+    Box::new(move |out, on_all| {
+        let block = |(block, out): (usize, &mut [[f32; 3]])| {
+            for (i, out) in out.iter_mut().enumerate() {
+                let at = BLOCK * block + i;
+                *out = shade((&points[at], &visibility[16 * at..][..16]));
+            }
+        };
+        match on_all {
+            true => out.par_chunks_mut(BLOCK).enumerate().for_each(block),
+            false => out.chunks_mut(BLOCK).enumerate().for_each(block),
+        }
+    })
+}
+
+fn by_blocks<'a>(many: &'a (impl Fn(usize, &mut [[f32; 3]]) + Sync)) -> Frame<'a> {
+    Box::new(move |out, on_all| {
+        let block = |(block, out): (usize, &mut [[f32; 3]])| many(BLOCK * block, out);
+        match on_all {
+            true => out.par_chunks_mut(BLOCK).enumerate().for_each(block),
+            false => out.chunks_mut(BLOCK).enumerate().for_each(block),
+        }
+    })
+}
+
+/// Points of one block.
+const BLOCK: usize = 512;
+
 /// Microseconds of a frame on one thread and on all.
-fn frame_us(
-    points: &[Point],
-    visibility: &[f32],
-    shade: &(impl Fn((&Point, &[f32])) -> [f32; 3] + Sync),
-) -> [f64; 2] {
+fn frame_us(frame: &Frame<'_>) -> [f64; 2] {
     let (mut out, mut other) = (vec![[0.0; 3]; POINTS], vec![[0.0; 3]; POINTS]);
-    best(
-        1,
-        [
-            &mut || {
-                let all = points.iter().zip(visibility.chunks_exact(16));
-                out.iter_mut().zip(all).for_each(|(out, point)| *out = shade(point));
-                black_box(&mut out);
-            },
-            &mut || {
-                other.par_chunks_mut(500).enumerate().for_each(|(block, out)| {
-                    let first = block * 500;
-                    for (i, out) in out.iter_mut().enumerate() {
-                        let v = &visibility[16 * (first + i)..][..16];
-                        *out = shade((&points[first + i], v));
-                    }
-                });
-                black_box(&mut other);
-            },
-        ],
-    )
+    best(1, [&mut || frame(black_box(&mut out), false), &mut || frame(black_box(&mut other), true)])
 }
 
 /// Exponentiated sums of logarithms beside the sequential product of the same visibilities and
@@ -490,6 +523,60 @@ fn look(order: Order, spheres: &[Sphere]) -> Vec<f64> {
     out
 }
 
+/// Tangents of the bundled character and of the characters of the asset folder: how much they turn from
+/// neighbour to neighbour, and against the surface from frame to frame at 30 Hz.
+fn tangents() {
+    println!(
+        "\n| tangents | vertices | neighbours, mean | 99 % | frame to frame, mean | 99 % | time |\n|---|---|---|---|---|---|---|"
+    );
+    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/assets");
+    let assets = std::env::var_os("POSELIGHT_ASSETS").map_or(PathBuf::from(beside), PathBuf::from);
+    let limits = scene::Limits::default();
+    let figure = scene::Source { name: "figure.glb".into(), bytes: scene::figure::figure() };
+    let mut scenes = vec![("figure", scene::import_sources(vec![figure], &limits).unwrap())];
+    for name in ["CesiumMan.glb", "Fox.glb", "MH_Male_CMU02.glb", "KayKit_Knight.glb"] {
+        if let Ok(read) = scene::import(&assets.join("rigged").join(name), &limits) {
+            scenes.push((name, read));
+        }
+    }
+    for (name, scene) in &scenes {
+        let start = Instant::now();
+        let tangents = Tangents::new(&scene.skeleton, &scene.mesh);
+        let seconds = start.elapsed().as_secs_f64();
+        let rest = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
+        let posed = |time_s: f32| {
+            let pose = poselight::pose::evaluate(&scene.clips[0], time_s, &rest);
+            let globals = scene.skeleton.globals(&pose.local);
+            let (mut mesh, mut along) = (Deformed::default(), Vec::new());
+            deform(&scene.mesh, &globals, &pose.weights, RigidFrame::IDENTITY, &mut mesh);
+            let here = RigidFrame::IDENTITY;
+            tangents.pose(&scene.mesh, &globals, here, &mesh.normals, &mut along);
+            (mesh, along)
+        };
+        let triangles = &scene.mesh.triangles;
+        let (mut smooth, mut steady, frames) = ([0.0_f32; 2], [0.0_f32; 2], 20);
+        for k in 0..frames {
+            let time_s = scene.clips[0].duration_s * k as f32 / frames as f32;
+            let ((mesh, along), (next, after)) = (posed(time_s), posed(time_s + 1.0 / 30.0));
+            let here = smoothness(triangles, &mesh.normals, &along);
+            let there = coherence(triangles, [(&mesh, &along), (&next, &after)]);
+            for (sum, found) in [(&mut smooth, here), (&mut steady, there)] {
+                sum[0] += found.mean_degrees / frames as f32;
+                sum[1] = sum[1].max(found.p99_degrees);
+            }
+        }
+        println!(
+            "| {name} | {} | {:.1}° | {:.0}° | {:.2}° | {:.1}° | {:.0} ms |",
+            scene.mesh.positions.len(),
+            smooth[0],
+            smooth[1],
+            steady[0],
+            steady[1],
+            seconds * 1e3
+        );
+    }
+}
+
 /// A field of 512 × 512 at order 4: the time of all points on all threads, and the distance from
 /// visibilities by horizons that are looked for at every half sample, in units of open sky.
 fn heights() {
@@ -513,9 +600,7 @@ fn heights() {
         let mut out = vec![0.0; 16 * SIZE * SIZE];
         let start = Instant::now();
         out.par_chunks_mut(16 * SIZE).enumerate().for_each(|(row, out)| {
-            for (column, out) in out.chunks_exact_mut(16).enumerate() {
-                shadows.visibility(&field, column, row, out);
-            }
+            shadows.visibility_row(&field, row, out);
         });
         black_box(&out);
         let all = start.elapsed().as_secs_f64();

@@ -22,7 +22,7 @@ fn reduction(command: &str) -> &'static [&'static str] {
     match command {
         "bake" => &["--rays", "8", "--fps", "5"],
         "run" => &["--rays", "8", "--fps", "5", "--reference-poses", "3"],
-        "still" => &["--size", "40", "50", "--samples", "1", "--rays", "8"],
+        "still" | "crowd" => &["--size", "40", "50", "--samples", "1", "--rays", "8"],
         "subdivide" => &["--rays", "4", "--fps", "2", "--key-poses", "2"],
         "measure" => &["--reference-poses", "3"],
         _ => &[],

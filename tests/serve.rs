@@ -7,6 +7,8 @@
 mod client;
 #[path = "serve/contract.rs"]
 mod contract;
+#[path = "serve/gloss.rs"]
+mod gloss;
 #[path = "serve/grpc.rs"]
 mod grpc;
 #[path = "serve/hostile.rs"]
@@ -406,7 +408,7 @@ fn in_words(server: &Server) {
             "#/poses/0/joints/hip/rotation/0",
             "a number is expected",
         ),
-        (json!({ "light": 1 }), "#/light", "an object with `coefficients` or `asset`"),
+        (json!({ "light": 1 }), "#/light", "an object with `coefficients`, `asset` or `form`"),
         (json!({ "vertices": [-1] }), "#/vertices/0", "a whole number from 0"),
     ] {
         let answer = server.post(&path, &body, &[]);

@@ -61,7 +61,7 @@ pub(crate) enum Command {
     Evaluate(EvaluateArgs),
     /// Bake, fit, measure and report in one.
     #[command(args_override_self = true)]
-    Run(RunArgs),
+    Run(Box<RunArgs>),
     Check(super::check_args::CheckArgs),
     /// Write a model's values at one pose into the scene's GLB, as vertex attributes.
     Apply(ApplyArgs),
@@ -74,6 +74,10 @@ pub(crate) enum Command {
     /// Render a picture: a scene by rays, or a model beside them.
     #[command(args_override_self = true)]
     Still(super::still_args::StillArgs),
+    #[command(args_override_self = true)]
+    Crowd(super::crowd_args::CrowdArgs),
+    #[command(args_override_self = true)]
+    Heights(super::heights_args::HeightsArgs),
     #[command(args_override_self = true)]
     Subdivide(super::subdivide_args::SubdivideArgs),
     /// Print the JSON Schema of the recipe.
@@ -220,6 +224,13 @@ pub(crate) struct EvaluateArgs {
     pub(crate) fps: f32,
     #[arg(long, value_name = "LIGHT", help = format!("Shade by a light, in the root frame. {LIGHT_HELP}"))]
     pub(crate) light: Option<String>,
+    /// Reflect the light towards an eye by an isotropic reflectance, as `poselight brdf` reads it; of a
+    /// model of visibility.
+    #[arg(long, value_name = "BRDF", requires_all = ["light", "eye", "scene"])]
+    pub(crate) brdf: Option<String>,
+    /// Where the eye is, in the root frame, metres.
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], requires = "brdf", allow_negative_numbers = true)]
+    pub(crate) eye: Option<Vec<f32>>,
     /// Bent normals instead, [pose, vertex, 3]: the mean direction of light that comes in unblocked,
     /// weighted by the cosine; of transfer of order 2 and more.
     #[arg(long, conflicts_with = "light")]
@@ -281,6 +292,8 @@ pub(crate) struct RunArgs {
     pub(crate) limits: LimitFlags,
     #[command(flatten)]
     pub(crate) measure: MeasureFlags,
+    #[command(flatten)]
+    pub(crate) pictures: super::picture_args::PictureFlags,
 }
 
 #[derive(Debug, Args)]

@@ -8,10 +8,13 @@ mod args;
 mod bake_args;
 mod check_args;
 mod commands;
+mod crowd_args;
 mod files;
 mod fit_args;
+mod heights_args;
 mod light_args;
 mod light_source;
+mod picture_args;
 mod rebind_args;
 mod screen;
 #[cfg(feature = "serve")]
@@ -161,6 +164,8 @@ fn run(command: Command, watch: &Watch) -> anyhow::Result<Answer> {
         Command::Brdf(args) => commands::brdf(&args),
         Command::Light(args) => commands::light(&args),
         Command::Still(args) => commands::still(&args),
+        Command::Crowd(args) => commands::crowd(&args),
+        Command::Heights(args) => commands::heights(&args),
         Command::Subdivide(args) => commands::subdivide(&args, &STOP),
         Command::Schema => commands::schema(),
         #[cfg(feature = "serve")]

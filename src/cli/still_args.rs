@@ -2,9 +2,27 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 
 use super::light_args::LIGHT_HELP;
+use crate::render::Tone;
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum ToneArg {
+    /// As it is, cut off at white.
+    Linear,
+    /// A film's curve.
+    Filmic,
+}
+
+impl From<ToneArg> for Tone {
+    fn from(flag: ToneArg) -> Self {
+        match flag {
+            ToneArg::Linear => Self::Linear,
+            ToneArg::Filmic => Self::Filmic,
+        }
+    }
+}
 
 #[derive(Debug, Args)]
 pub(crate) struct StillArgs {
@@ -33,10 +51,26 @@ pub(crate) struct StillArgs {
     /// Order of the light's harmonics, 1 to 10; a model's own when one is shown.
     #[arg(long, value_name = "N", default_value_t = 6)]
     pub(crate) order: u8,
-    /// Shade by an isotropic reflectance in closed form, as `poselight brdf` reads it; beside it goes
-    /// a model of visibility [default: white].
+    /// Shade by a reflectance, as `poselight brdf` reads it, a grain along the limbs; beside it goes a model
+    /// of visibility [default: white].
     #[arg(long, value_name = "BRDF", requires = "light")]
     pub(crate) brdf: Option<String>,
+    /// Terms of the reflectance's operator, on a model [default: 8].
+    #[arg(long, value_name = "K", requires = "brdf", value_parser = clap::value_parser!(u16).range(1..=100))]
+    pub(crate) terms: Option<u16>,
+    /// Zonal lobes that stand for the light, on a model of visibility, 1 to 8 [default: 8].
+    #[arg(long, value_name = "N", requires = "light", value_parser = clap::value_parser!(u8).range(1..=8))]
+    pub(crate) lobes: Option<u8>,
+    /// An animated PNG of so many frames around the scene, 2 to 240; with a clip and no time the clip
+    /// plays once meanwhile.
+    #[arg(long, value_name = "FRAMES", conflicts_with = "frames", value_parser = clap::value_parser!(u16).range(2..=240))]
+    pub(crate) turntable: Option<u16>,
+    /// Frames per second of a turntable, 0.1 to 100.
+    #[arg(long, value_name = "FPS", default_value_t = 12.0)]
+    pub(crate) speed: f32,
+    /// How light is brought within the screen's range; differences never are.
+    #[arg(long, value_enum, default_value_t = ToneArg::Linear)]
+    pub(crate) tone: ToneArg,
     /// Stops of exposure; at 0 the brightest open white surface is white.
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
     pub(crate) exposure: f32,

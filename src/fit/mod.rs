@@ -35,6 +35,7 @@ mod ridge;
 mod shared;
 mod sketch;
 mod source;
+mod sphere_set;
 mod still;
 mod tall_qr;
 
@@ -44,6 +45,7 @@ pub use geometry::Geometry;
 pub use multilinear::{MultilinearSizes, PointClusters};
 pub use report::{FitReport, OccluderReport};
 pub use shared::{Largest, Shared};
+pub use sphere_set::sphere_set;
 
 use crate::dataset::Training;
 use crate::model::{Decoder, Frame, Occluders, TrainingSummary};

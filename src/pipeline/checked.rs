@@ -1,6 +1,7 @@
 //! Raw recipe → checked recipe: only settings that passed here run.
 
 mod bake_fields;
+mod light;
 mod target;
 
 use std::fmt::Display;
@@ -73,6 +74,7 @@ impl Checked {
         )?;
         checked_receivers(recipe)?;
         checked_choice(recipe)?;
+        light::checked_light(recipe)?;
         Ok(Self {
             poses: checked_poses(&recipe.poses)?,
             bake: checked_bake(&recipe.bake)?,

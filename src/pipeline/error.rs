@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::RecipeError;
+use super::{MapError, RecipeError};
 use crate::{bake, dataset, fit, measure, model, pose, scene};
 
 impl From<fit::Error> for Error {
@@ -23,6 +23,14 @@ pub enum Error {
     /// The recipe cannot run.
     #[error(transparent)]
     Recipe(#[from] RecipeError),
+    /// What pictures are to be lit by.
+    #[error("light `{light}`: {source}")]
+    Light {
+        /// The file's name, or the words.
+        light: String,
+        /// What is wrong with it.
+        source: MapError,
+    },
     /// Import.
     #[error("{}", once(.file, .source))]
     Scene {

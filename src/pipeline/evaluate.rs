@@ -68,6 +68,25 @@ pub enum EvaluateError {
     /// Visibility has no shading.
     #[error("a model of `visibility` has no shading; `transfer` and `ao` fold a light")]
     NoShading,
+    /// A reflectance on another signal.
+    #[error("a reflectance meets a model of `visibility`; this one holds `{signal}`")]
+    NeedsVisibility {
+        /// What it holds.
+        signal: &'static str,
+    },
+    /// A reflection operator of another order.
+    #[error("the operator is of order {found}, the model of order {expected}")]
+    Operator {
+        /// Of the operator.
+        found: u8,
+        /// Of the model.
+        expected: u8,
+    },
+    /// Reflection without a mesh to reflect.
+    #[error(
+        "reflection needs the posed mesh: name the scene, or fit the model with `include_rest`"
+    )]
+    NeedsMesh,
     /// A light of the wrong size.
     #[error("the light has {found} coefficients a colour, the model takes {expected}")]
     Light {
@@ -250,7 +269,7 @@ impl Query {
         Ok(out)
     }
 
-    fn coefficients(&self, model: &Model) -> Result<(Vec<f32>, f32), EvaluateError> {
+    pub(super) fn coefficients(&self, model: &Model) -> Result<(Vec<f32>, f32), EvaluateError> {
         let header = model.header();
         let mut out = vec![0.0; header.mesh.points as usize * header.width()];
         let Some(pose) = &self.pose else {
@@ -350,7 +369,7 @@ impl Light {
 }
 
 /// Points to the vertices that they stand for.
-fn spread(
+pub(super) fn spread(
     model: &Model,
     points: &[f32],
     vertices: Option<&[u32]>,

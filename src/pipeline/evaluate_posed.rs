@@ -19,12 +19,7 @@ impl Query {
         scene: &Scene,
         joints: &JointPose,
     ) -> Result<Self, EvaluateError> {
-        let given = model.pose_of(joints)?;
-        let mut pose = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
-        for (&node, local) in node_order(model, scene)?.iter().zip(&given.local) {
-            pose.local[node] = *local;
-        }
-        pose.weights = given.weights;
+        let pose = of_scene(model, scene, &model.pose_of(joints)?)?;
         Self::from_pose(model, scene, &pose)
     }
 
@@ -78,6 +73,20 @@ impl Query {
         let parameters = parameters(model, &pose, surface.as_ref())?;
         Ok(Self { parameters, surface, pose: Some(pose) })
     }
+}
+
+/// A pose in the model's order of nodes as the scene has it; what only the scene has is at rest.
+pub(super) fn of_scene(
+    model: &Model,
+    scene: &Scene,
+    of_model: &Pose,
+) -> Result<Pose, EvaluateError> {
+    let mut pose = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
+    for (&node, local) in node_order(model, scene)?.iter().zip(&of_model.local) {
+        pose.local[node] = *local;
+    }
+    pose.weights.clone_from(&of_model.weights);
+    Ok(pose)
 }
 
 /// Whether positions are those of a mesh of the model's size that give all its parameters.

@@ -9,7 +9,7 @@ use super::hash::{self, Hashes};
 use super::receivers::Receivers;
 use super::recipe::{BakeRecipe, DEFAULT_ALBEDO, NoiseGoalName, Recipe};
 use super::surroundings::{self, Occluders};
-use super::{Checked, Error, RecipeError, effective};
+use super::{Checked, Error, Lit, RecipeError, effective};
 use crate::bake::{self, Baker, Openings, Reflectance};
 use crate::model::Surface;
 use crate::pose::{self, PoseSet};
@@ -90,6 +90,8 @@ pub struct Job {
     pub reflectance: Option<Reflectance>,
     /// What lets rays through, where that is asked for.
     pub openings: Option<Openings>,
+    /// What pictures are lit by.
+    pub lit: Option<Lit>,
     /// What computes the normals of poses anew, where that is asked for.
     pub facets: Option<Facets>,
 }
@@ -126,6 +128,7 @@ impl Job {
     /// As [`Self::new`].
     pub fn among(mut scene: Scene, around: Around, mut recipe: Recipe) -> Result<Self, Error> {
         let mut checked = Checked::new(&recipe)?;
+        let lit = Lit::take(&mut recipe)?;
         Receivers::resolve(&scene, around.receivers.as_ref(), &mut recipe)?;
         let occluders = Occluders::take(&mut scene, around.occluders, &mut recipe)?;
         checked.poses.root_motion = occluders.root_motion(&scene, &recipe.bake.surroundings);
@@ -155,6 +158,7 @@ impl Job {
             surroundings,
             reflectance,
             openings,
+            lit,
             facets: None,
         };
         if job.recipe.bake.recompute_normals {

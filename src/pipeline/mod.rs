@@ -10,6 +10,7 @@ mod candidates;
 mod check;
 mod checked;
 mod choice;
+mod crowd;
 mod data;
 mod describe;
 mod difference;
@@ -22,9 +23,12 @@ mod evaluate_posed;
 mod figures;
 pub mod files;
 mod fit;
+mod gloss;
 mod hash;
+mod heights;
 mod imported;
 mod job;
+mod lit;
 mod map_light;
 mod measure;
 mod notices;
@@ -42,7 +46,6 @@ mod run;
 mod search;
 mod spent;
 mod still;
-mod still_glossy;
 mod subdivide;
 mod subset;
 mod surroundings;
@@ -61,6 +64,7 @@ pub use candidates::{CandidateRecipe, Range, candidates};
 pub use check::{Baseline, BaselineError, Line, junit, page};
 pub use checked::{Checked, RecipeError, ReferenceSettings};
 pub use choice::{Confirmed, choose, has_target};
+pub use crowd::{Crowd, CrowdPicture, CrowdPlace, MOST_CHARACTERS, crowd};
 pub use data::{open_dataset, other_references};
 pub use earlier::go_on;
 pub use effect::{effective, effective_fit, forget_other_sizes};
@@ -69,9 +73,12 @@ pub use evaluate::{EvaluateError, Light, Query};
 pub use figures::{ChoiceFigures, Figures, ModelFigures, Spectra, Times};
 pub use fit::{FittedModel, fit, fit_mean, fit_watched, fit_without, recipe_of, recipe_of_model};
 use fit::{Part, fit_part};
+pub use gloss::{GLOSS_LOBES, GLOSS_TERMS, Gloss};
 pub use hash::Hashes;
+pub use heights::{HeightPictures, Heights, MOST_HEIGHT_FRAMES, heights};
 pub use job::{Around, Job, PointSurface, check_document, import};
-pub use map_light::{MapError, check_map, map_light};
+pub use lit::{Lit, is_words};
+pub use map_light::{MapError, check_map, map_light, read_map, read_words, words_light};
 pub use measure::measure;
 pub use notices::{notices, reference_notice};
 pub use plan::{Plan, disk_bytes, memory_bytes, plan};
@@ -84,7 +91,8 @@ pub use run::{DATASET, FIGURES, MODEL, Outcome, RECIPE, REPORT, examine, meets_t
 pub use search::{Searched, VALIDATION, exhaustive, search};
 pub use spent::{Spent, spent};
 pub use still::{
-    MOST_STILL_FRAMES, STILL_SIZES, Still, StillError, StillPicture, spread_times, still,
+    MOST_STILL_FRAMES, MOST_TURN_FRAMES, STILL_SIZES, Still, StillError, StillPicture,
+    spread_times, still,
 };
 pub use subdivide::{
     Deviation, Refinement, Subdivided, SubdivisionPlan, plan_subdivision, subdivide,

@@ -4,6 +4,7 @@
 //! left out and then takes the default given here, the one place where defaults live.
 
 mod fit;
+pub mod light;
 pub mod subsurface;
 pub mod surroundings;
 
@@ -16,6 +17,7 @@ pub use fit::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use light::LightRecipe;
 use subsurface::SubsurfaceRecipe;
 use surroundings::SurroundingsRecipe;
 
@@ -43,6 +45,9 @@ pub struct Recipe {
     /// What the model is for, and how its error is proven.
     #[serde(default)]
     pub target: TargetRecipe,
+    /// What the report's pictures are lit by; ambient occlusion when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub light: Option<LightRecipe>,
     /// What is written.
     #[serde(default)]
     pub output: OutputRecipe,
@@ -57,6 +62,7 @@ impl Default for Recipe {
             bake: BakeRecipe::default(),
             fit: FitRecipe::default(),
             target: TargetRecipe::default(),
+            light: None,
             output: OutputRecipe::default(),
         }
     }

@@ -1,10 +1,11 @@
 //! Stills of a report: the model beside its truth where it errs most, as it mostly does, and least.
 
-use super::Job;
 use super::still::{Still, still};
+use super::{GLOSS_LOBES, GLOSS_TERMS, Job};
 use crate::measure::report::ReportStill;
 use crate::measure::{Kind, Measured};
 use crate::model::Model;
+use crate::render::Tone;
 
 /// Pixels of a panel.
 const SIZE: [u32; 2] = [220, 300];
@@ -47,12 +48,16 @@ fn picture(job: &Job, model: &Model, clip: &str, time_s: f32) -> Option<Vec<u8>>
         samples: 2,
         rays: job.recipe.bake.rays.clamp(2, MOST_RAYS),
         gains: vec![4.0],
-        light: None,
-        brdf: None,
+        light: job.lit.as_ref().map(|lit| lit.light.clone()),
+        brdf: job.lit.as_ref().and_then(|lit| lit.material.clone()),
+        terms: job.lit.as_ref().map_or(GLOSS_TERMS, |lit| lit.recipe.terms as usize),
+        lobes: job.lit.as_ref().map_or(GLOSS_LOBES, |lit| lit.recipe.lobes as usize),
+        turntable: None,
+        tone: Tone::Linear,
         exposure_stops: 0.0,
     };
     // A still is an extra: a model that cannot be shown still has its figures.
     let made = still(&job.scene, Some(model), &settings).ok()?;
     made.differences.first().copied().flatten()?;
-    made.picture.png().ok()
+    made.pictures.first()?.png().ok()
 }

@@ -93,12 +93,18 @@ fn publish(
     }
     let blob = model.to_bytes(model.header().precision)?;
     let page = report::page(job, dataset, model, &figures, report, job.checked.reference);
-    files::publish(&folder.join(RECIPE), &json("the recipe", &job.recipe)?)?;
+    files::publish(&folder.join(RECIPE), &json("the recipe", &whole_recipe(job))?)?;
     files::publish(&folder.join(MODEL), &blob)?;
     files::publish(&folder.join(REPORT), page.as_bytes())?;
     files::publish(&folder.join(FIGURES), &json("the figures", &figures)?)?;
     let met = is_met(&figures, job.checked.reference);
     Ok(Outcome { baked, figures, met, made: true })
+}
+
+/// The recipe with the light that the pictures have, which no stage before them reads.
+fn whole_recipe(job: &Job) -> Recipe {
+    let light = job.lit.as_ref().map(|lit| lit.recipe.clone());
+    Recipe { light, ..job.recipe.clone() }
 }
 
 /// A given model against its data set: figures and report page. References are baked into the data
@@ -170,7 +176,11 @@ fn is_finished(figures: &Figures, job: &Job, folder: &Path) -> bool {
     let model = model.and_then(|bytes| Model::from_bytes(&bytes).ok());
     let own = &figures.fit_hash;
     let named = |model: Model| model.header().provenance.hashes.get("fit") == Some(own);
-    let whole = folder.join(REPORT).is_file() && folder.join(RECIPE).is_file();
+    // Another light makes other pictures.
+    let written = files::read(&folder.join(RECIPE), MOST_FIGURES_BYTES).ok();
+    let written = written.and_then(|bytes| Recipe::from_json(&bytes).ok());
+    let lit = written.is_some_and(|recipe| recipe.light == whole_recipe(job).light);
+    let whole = folder.join(REPORT).is_file() && lit;
     let asked = figures.choice.as_ref().map_or(own, |choice| &choice.asked);
     *asked == job.hashes.fit && whole && model.is_some_and(named)
 }

@@ -5,24 +5,24 @@ mod settings;
 use glam::{DQuat, Vec3};
 
 use super::evaluate::{EvaluateError, Light as ModelLight, Query};
+use super::gloss::Gloss;
 use super::recipe_of_model;
-use super::still_glossy::radiance;
 use crate::model::{Model, Signal};
 use crate::pose;
 use crate::render::{Camera, Image, Light, Panel, Picture, Stage, captioned, sheet};
-use crate::rig::{self, Deformed, Pose, RigidFrame};
+use crate::rig::{self, Deformed, Pose, RigidFrame, Tangents};
 use crate::scene::{Clip, Scene};
 use crate::sh::Order;
 use crate::shade::{Brdf, Material, Reflectance, Reflector, ShLight, factor};
 use crate::trace;
 use settings::check;
-pub use settings::{MOST_STILL_FRAMES, STILL_SIZES, Still, StillError};
+pub use settings::{MOST_STILL_FRAMES, MOST_TURN_FRAMES, STILL_SIZES, Still, StillError};
 
 /// A picture and what is to be said of it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StillPicture {
-    /// All panels.
-    pub picture: Picture,
+    /// All panels as one sheet; of a turn one for each frame.
+    pub pictures: Vec<Picture>,
     /// What values were multiplied with.
     pub exposure: f32,
     /// For each frame, with a model and a truth: the root mean square difference over what is
@@ -36,6 +36,8 @@ pub struct StillPicture {
 struct Posed {
     pose: Pose,
     mesh: Deformed,
+    /// Unit, where a reflectance has a grain; else none.
+    tangents: Option<Vec<Vec3>>,
     time_s: f32,
 }
 
@@ -50,7 +52,8 @@ pub fn still(
 ) -> Result<StillPicture, StillError> {
     check(settings, model.is_some())?;
     let frames = frames(scene, settings)?;
-    let mut notices = Vec::new();
+    let mut notices: Vec<String> =
+        frames.first().and_then(|f| grain(scene, f)).into_iter().collect();
     let untold = model.and_then(untold);
     if let Some(untold) = untold {
         notices.push(format!("no truth is shown: {untold}"));
@@ -63,36 +66,55 @@ pub fn still(
         .as_ref()
         .map(|light| order.map_or_else(|| light.clone(), |order| light.resized(order)));
     let brdf = reflectance(model, settings)?;
-    let reflector = match (&brdf, order) {
-        (Some(brdf), Some(order)) => Some(reflector(brdf, order)?),
+    let gloss = match (&brdf, model) {
+        (Some(brdf), Some(model)) => Some(gloss((model, settings), brdf, light.as_ref())?),
         _ => None,
     };
     let look = Look {
         scene,
         model,
         settings,
-        camera: Camera::around(bounds(&frames), settings.view.map(f32::to_radians), settings.size),
         exposure: exposure(light.as_ref(), settings.exposure_stops),
         light,
         brdf,
-        reflector,
+        gloss,
         has_truth: untold.is_none(),
         max_distance_m: maximum,
     };
     let failed = |source| StillError::Trace { frame: 0, source };
     let device = trace::Device::new().map_err(failed)?;
+    let bounds = bounds(&frames);
+    let count = settings.turntable.unwrap_or(frames.len());
     let (mut panels, mut differences) = (Vec::new(), Vec::new());
-    for (index, frame) in frames.iter().enumerate() {
-        let (more, difference) = look.frame(&device, index, frame)?;
-        panels.extend(more);
+    for index in 0..count {
+        let frame = &frames[index.min(frames.len() - 1)];
+        let camera = camera(settings, bounds, index);
+        let (more, difference) = look.frame(&device, index, (frame, &camera))?;
+        panels.push(more);
         differences.push(difference);
     }
-    let columns = match panels.len() / frames.len() {
-        1 => panels.len().isqrt().max(1),
-        each => each,
+    let pictures = if settings.turntable.is_some() {
+        panels.iter().map(|panels| sheet(panels, panels.len())).collect()
+    } else {
+        let columns = match panels[0].len() {
+            1 => panels.len().isqrt().max(1),
+            each => each,
+        };
+        vec![sheet(&panels.concat(), columns)]
     };
-    let picture = sheet(&panels, columns);
-    Ok(StillPicture { picture, exposure: look.exposure, differences, notices })
+    Ok(StillPicture { pictures, exposure: look.exposure, differences, notices })
+}
+
+/// Where a frame is seen from.
+fn camera(settings: &Still<'_>, bounds: [Vec3; 2], frame: usize) -> Camera {
+    let [yaw, pitch] = settings.view.map(f32::to_radians);
+    match settings.turntable {
+        None => Camera::around(bounds, [yaw, pitch], settings.size),
+        Some(count) => {
+            let turn = std::f32::consts::TAU * frame as f32 / count as f32;
+            Camera::turning(bounds, [yaw + turn, pitch], settings.size)
+        }
+    }
 }
 
 /// What is the same for all frames.
@@ -100,11 +122,10 @@ struct Look<'a> {
     scene: &'a Scene,
     model: Option<&'a Model>,
     settings: &'a Still<'a>,
-    camera: Camera,
     light: Option<ShLight>,
     brdf: Option<Material>,
-    /// For a model of visibility.
-    reflector: Option<Reflector>,
+    /// For a model of visibility; the light in the scene's frame.
+    gloss: Option<Gloss>,
     exposure: f32,
     has_truth: bool,
     max_distance_m: Option<f32>,
@@ -115,26 +136,30 @@ impl Look<'_> {
         &self,
         device: &trace::Device,
         index: usize,
-        frame: &Posed,
+        (frame, camera): (&Posed, &Camera),
     ) -> Result<(Vec<Picture>, Option<f32>), StillError> {
         let Deformed { positions, normals } = &frame.mesh;
         let triangles = &self.scene.mesh.triangles;
         let stage = Stage::new(device, positions, normals, triangles, self.max_distance_m)
             .map_err(|source| StillError::Trace { frame: index, source })?;
+        let stage = match &frame.tangents {
+            Some(tangents) => stage.with_tangents(tangents),
+            None => stage,
+        };
         let Still { samples, rays, .. } = *self.settings;
         let truth = self.has_truth.then(|| match (&self.brdf, self.light.clone()) {
             (Some(brdf), light) => {
                 let light = light.unwrap_or_else(|| white(Order::new(1).expect("order 1")));
-                stage.reflected(&self.camera, (samples, rays), &light, brdf)
+                stage.reflected(camera, (samples, rays), &light, brdf)
             }
-            (None, None) => stage.truth(&self.camera, samples, rays, &Light::Ambient),
-            (None, Some(light)) => {
-                stage.truth(&self.camera, samples, rays, &Light::Environment(light))
-            }
+            (None, None) => stage.truth(camera, samples, rays, &Light::Ambient),
+            (None, Some(light)) => stage.truth(camera, samples, rays, &Light::Environment(light)),
         });
         let image = match self.model {
             None => None,
-            Some(model) => Some(stage.show(&self.camera, samples, &self.values(model, frame)?)),
+            Some(model) => {
+                Some(stage.show(camera, samples, &self.values(model, (frame, camera.eye()))?))
+            }
         };
         let difference = match (&image, &truth) {
             (Some(image), Some(truth)) => Some(self.exposure * image.rms_difference(truth)),
@@ -144,7 +169,7 @@ impl Look<'_> {
     }
 
     fn panels(&self, frame: &Posed, image: Option<&Image>, truth: Option<&Image>) -> Vec<Picture> {
-        let exposure = self.exposure;
+        let (exposure, tone) = (self.exposure, self.settings.tone);
         let unit = if self.light.is_some() { "of white" } else { "ao" };
         let when = match self.settings.clip {
             Some(clip) => format!("{clip} {:.2} s", frame.time_s),
@@ -152,7 +177,12 @@ impl Look<'_> {
         };
         let legend = image.is_some() && truth.is_some();
         let light = |image, name: &str| {
-            captioned(&Panel::Light { image, exposure }, &format!("{name}{when}"), unit, legend)
+            captioned(
+                &Panel::Light { image, exposure, tone },
+                &format!("{name}{when}"),
+                unit,
+                legend,
+            )
         };
         let mut panels: Vec<Picture> =
             image.map(|image| light(image, "model, ")).into_iter().collect();
@@ -168,7 +198,7 @@ impl Look<'_> {
     }
 
     /// One or three colours at each vertex.
-    fn values(&self, model: &Model, frame: &Posed) -> Result<Vec<f32>, StillError> {
+    fn values(&self, model: &Model, (frame, eye): (&Posed, Vec3)) -> Result<Vec<f32>, StillError> {
         let query = Query::from_pose(model, self.scene, &frame.pose)?;
         let mut out = Vec::new();
         if model.header().signal == Signal::Ao {
@@ -179,10 +209,16 @@ impl Look<'_> {
             return Ok(out);
         }
         let order = Order::new(model.header().order).expect("a model's header is checked");
-        if let Some(reflector) = &self.reflector {
-            let light = self.light.clone().unwrap_or_else(|| white(order));
-            let (of_model, eye) = ((model, &query), self.camera.eye());
-            return Ok(radiance(of_model, &frame.mesh, (&light, reflector), eye)?);
+        if let Some(gloss) = &self.gloss {
+            let root = query.root_frame(model)?;
+            let eye = root.inverse().transform_point3(eye);
+            let to_root = root.rotation.inverse();
+            let gloss = gloss.turned(to_root);
+            let tangents: Option<Vec<Vec3>> =
+                frame.tangents.as_ref().map(|all| all.iter().map(|t| to_root * *t).collect());
+            let towards = (&gloss, eye, tangents.as_deref());
+            query.posed(model, Some(self.scene))?.reflected(model, towards, None, &mut out)?;
+            return Ok(out);
         }
         let light = match &self.light {
             Some(light) => {
@@ -210,13 +246,6 @@ fn reflectance(
     settings: &Still<'_>,
 ) -> Result<Option<Material>, StillError> {
     let signal = model.map(|model| model.header().signal);
-    if let Some(brdf) = &settings.brdf
-        && !brdf.is_isotropic()
-    {
-        let found = format!("{brdf:?}");
-        let range = "isotropic: a still knows no tangents";
-        return Err(StillError::Setting { what: "the reflectance", found, range });
-    }
     match (signal, &settings.brdf) {
         (Some(signal), Some(_)) if signal != Signal::Visibility => {
             Err(StillError::NeedsVisibility { signal: signal.name() })
@@ -226,20 +255,36 @@ fn reflectance(
     }
 }
 
-/// Eight terms of an operator, or as many as there are.
-fn reflector(brdf: &Material, order: Order) -> Result<Reflector, StillError> {
-    let operators = factor(brdf, order, brdf.nodes())?.map(|colour| colour.operator(8));
-    Ok(Reflector::new("still", &operators, [0.0; 3]))
+/// A reflectance on a model of visibility, under a light or white from everywhere.
+fn gloss(
+    (model, settings): (&Model, &Still<'_>),
+    brdf: &Material,
+    light: Option<&ShLight>,
+) -> Result<Gloss, StillError> {
+    let order = model.header().sh_order();
+    let operators =
+        factor(brdf, order, brdf.nodes())?.map(|colour| colour.operator(settings.terms));
+    let reflector = Reflector::new("still", &operators, [0.0; 3]);
+    let light = light.cloned().unwrap_or_else(|| white(order));
+    Ok(Gloss::new(model, &light, reflector, settings.lobes)?)
 }
 
 /// The posed meshes, in the scene's own frame.
 fn frames(scene: &Scene, settings: &Still<'_>) -> Result<Vec<Posed>, StillError> {
     let rest = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
+    let grained = settings.brdf.as_ref().is_some_and(|brdf| !brdf.is_isotropic());
+    let at_rest = grained.then(|| Tangents::new(&scene.skeleton, &scene.mesh));
     let posed = |pose: Pose, time_s| {
         let mut mesh = Deformed::default();
         let globals = scene.skeleton.globals(&pose.local);
         rig::deform(&scene.mesh, &globals, &pose.weights, RigidFrame::IDENTITY, &mut mesh);
-        Posed { pose, mesh, time_s }
+        let tangents = at_rest.as_ref().map(|at_rest| {
+            let mut out = Vec::new();
+            let here = RigidFrame::IDENTITY;
+            at_rest.pose(&scene.mesh, &globals, here, &mesh.normals, &mut out);
+            out
+        });
+        Posed { pose, mesh, tangents, time_s }
     };
     let Some(name) = settings.clip else { return Ok(vec![posed(rest, 0.0)]) };
     let clip = find(scene, name)?;
@@ -253,11 +298,22 @@ fn frames(scene: &Scene, settings: &Still<'_>) -> Result<Vec<Posed>, StillError>
     settings.times_s.iter().map(at).collect()
 }
 
+/// How smooth the tangents are that a grain runs along.
+fn grain(scene: &Scene, frame: &Posed) -> Option<String> {
+    let tangents = frame.tangents.as_ref()?;
+    let found = rig::smoothness(&scene.mesh.triangles, &frame.mesh.normals, tangents);
+    Some(format!(
+        "the grain runs along tangents made from the bones: between neighbours they turn by {:.1}° on \
+         average, 99 % by less than {:.0}°",
+        found.mean_degrees, found.p99_degrees
+    ))
+}
+
 /// A clip by name.
 ///
 /// # Errors
 /// [`EvaluateError::Clip`] with the names that there are.
-fn find<'a>(scene: &'a Scene, name: &str) -> Result<&'a Clip, EvaluateError> {
+pub(super) fn find<'a>(scene: &'a Scene, name: &str) -> Result<&'a Clip, EvaluateError> {
     scene.clips.iter().find(|clip| clip.name == name).ok_or_else(|| {
         let known = scene.clips.iter().map(|clip| clip.name.clone()).collect();
         EvaluateError::Clip { name: name.to_owned(), known }
@@ -284,7 +340,7 @@ fn bounds(frames: &[Posed]) -> [Vec3; 2] {
 }
 
 /// What makes the brightest open white surface white.
-fn exposure(light: Option<&ShLight>, stops: f32) -> f32 {
+pub(super) fn exposure(light: Option<&ShLight>, stops: f32) -> f32 {
     let brightest = light.map_or(1.0, ShLight::brightest_reflection);
     let scale = if brightest > 0.0 { 1.0 / brightest } else { 1.0 };
     scale as f32 * stops.exp2()

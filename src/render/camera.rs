@@ -50,6 +50,20 @@ impl Camera {
         Self { eye: centre + from * distance, forward, right, up, half_height, width, height }
     }
 
+    /// As [`Camera::around`], from as far as keeps the box in the picture from every yaw, so that a turn
+    /// about it is steady.
+    #[must_use]
+    pub fn turning([low, high]: [Vec3; 2], view: [f32; 2], size: [u32; 2]) -> Self {
+        let (centre, reach) = (low * 0.5 + high * 0.5, high * 0.5 - low * 0.5);
+        let aside = reach.x.hypot(reach.z);
+        let reach = Vec3::new(aside, reach.y, aside);
+        let widened = [centre - reach, centre + reach];
+        let steady = (Self::around(widened, [0.0, view[1]], size).eye - centre).length();
+        let mut camera = Self::around(widened, view, size);
+        camera.eye = centre - camera.forward * steady;
+        camera
+    }
+
     /// Pixels, across and down.
     #[must_use]
     pub fn size(&self) -> [u32; 2] {
@@ -98,5 +112,25 @@ mod tests {
         }
         let front = Camera::around(bounds, [0.0, 0.0], [10, 10]);
         assert!(front.direction(9.0, 5.0).x > 0.0 && front.direction(5.0, 1.0).y > 0.0);
+    }
+
+    /// A turn keeps its distance, and the box in the picture from every side.
+    #[test]
+    fn turns_are_steady() {
+        let bounds = [Vec3::new(-1.0, 0.0, -0.2), Vec3::new(1.0, 2.0, 0.2)];
+        let middle = Vec3::new(0.0, 1.0, 0.0);
+        let first = (Camera::turning(bounds, [0.0, 0.2], [30, 40]).eye() - middle).length();
+        for step in 0..12 {
+            let camera =
+                Camera::turning(bounds, [step as f32 * std::f32::consts::FRAC_PI_6, 0.2], [30, 40]);
+            assert!(((camera.eye() - middle).length() - first).abs() < 1e-4);
+            for corner in 0..8 {
+                let pick = |axis: usize| bounds[corner >> axis & 1][axis];
+                let to = Vec3::new(pick(0), pick(1), pick(2)) - camera.eye();
+                let depth = to.dot(camera.forward);
+                let [x, y] = [to.dot(camera.right), to.dot(camera.up)].map(|c| (c / depth).abs());
+                assert!(y < camera.half_height && x < camera.half_height * 0.75, "{step} {corner}");
+            }
+        }
     }
 }

@@ -6,15 +6,19 @@
 //!
 //! *Invariant:* the truth shares no code with the bake that it is put beside, only the tracer.
 
+mod animation;
 mod camera;
 mod colour_map;
 mod glyphs;
 mod panel;
 mod picture;
 mod stage;
+mod tone;
 
+pub use animation::{AnimationError, animated_png};
 pub use camera::Camera;
 pub use colour_map::colour;
 pub use panel::{Panel, captioned, sheet};
 pub use picture::{Picture, to_srgb};
 pub use stage::{Image, Light, Stage};
+pub use tone::Tone;

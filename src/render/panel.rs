@@ -1,6 +1,6 @@
 //! Values to pixels: panels with captions and legends, side by side.
 
-use super::{Image, Picture, colour, glyphs};
+use super::{Image, Picture, Tone, colour, glyphs};
 
 /// Behind the surface, linear.
 const BACKGROUND: [f32; 3] = [0.18, 0.18, 0.18];
@@ -17,8 +17,10 @@ pub enum Panel<'a> {
     Light {
         /// What is shown.
         image: &'a Image,
-        /// What values are multiplied with before the screen's white cuts them off.
+        /// What values are multiplied with before they are brought within the screen's range.
         exposure: f32,
+        /// How they are.
+        tone: Tone,
     },
     /// How far one image is from another in the colour map: the root mean square over the colours,
     /// times an exposure; 1/gain and more is the last colour.
@@ -46,8 +48,8 @@ impl Panel<'_> {
         let mut picture = Picture::new(width, height, BACKGROUND);
         for (i, pixel) in picture.pixels_mut().iter_mut().enumerate() {
             let front = match *self {
-                Self::Light { image, exposure } => {
-                    image.values[i].map(|value| (value * exposure).clamp(0.0, 1.0))
+                Self::Light { image, exposure, tone } => {
+                    image.values[i].map(|value| tone.apply(value * exposure))
                 }
                 Self::Difference { image, truth, exposure, gain } => {
                     assert_eq!(image.size, truth.size, "images that are compared");
@@ -172,7 +174,7 @@ mod tests {
             image(&[0.25, 9.0, 0.5], &[1.0, 1.0, 0.0]),
             image(&[0.375, 8.0, 0.5], &[1.0, 1.0, 0.0]),
         );
-        let light = Panel::Light { image: &model, exposure: 2.0 }.picture();
+        let light = Panel::Light { image: &model, exposure: 2.0, tone: Tone::Linear }.picture();
         assert_eq!(light.pixels(), [[0.5; 3], [1.0; 3], BACKGROUND]);
         let difference =
             Panel::Difference { image: &model, truth: &truth, exposure: 1.0, gain: 4.0 };
@@ -188,7 +190,7 @@ mod tests {
     #[test]
     fn legends_and_sheets_have_their_places() {
         let flat = image(&[0.5; 60], &[1.0; 60]);
-        let light = Panel::Light { image: &flat, exposure: 1.0 };
+        let light = Panel::Light { image: &flat, exposure: 1.0, tone: Tone::Linear };
         let difference = Panel::Difference { image: &flat, truth: &flat, exposure: 1.0, gain: 4.0 };
         let with = captioned(&difference, "difference x4", "ao", true);
         let beside = captioned(&light, "model", "ao", true);

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::Camera;
 use crate::num::directions::{Density, Directions};
 use crate::num::random::hash;
+use crate::rig::to_tangent_frame;
 use crate::sh::{MAX_COEFFICIENTS, Order, evaluate, zonal};
 use crate::shade::{Reflectance, ShLight};
 use crate::trace::{Device, Error, Hit, Rays, Scene, words_of};
@@ -45,6 +46,7 @@ pub struct Stage<'a> {
     scene: Scene,
     positions: &'a [Vec3],
     normals: &'a [Vec3],
+    tangents: Option<&'a [Vec3]>,
     triangles: &'a [[u32; 3]],
     /// Metres beyond which nothing blocks.
     far: f32,
@@ -87,7 +89,31 @@ impl<'a> Stage<'a> {
         assert_eq!(positions.len(), normals.len(), "positions and normals");
         let scene = Scene::build(device, positions, triangles)?;
         let far = max_distance_m.unwrap_or(f32::INFINITY);
-        Ok(Self { scene, positions, normals, triangles, far })
+        Ok(Self { scene, positions, normals, tangents: None, triangles, far })
+    }
+
+    /// With unit tangents at the vertices, for reflectances that have a grain; any will do without.
+    ///
+    /// # Panics
+    /// If there are not as many as positions.
+    #[must_use]
+    pub fn with_tangents(mut self, tangents: &'a [Vec3]) -> Self {
+        assert_eq!(tangents.len(), self.positions.len(), "positions and tangents");
+        self.tangents = Some(tangents);
+        self
+    }
+
+    /// The rotation into the tangent frame of a place.
+    fn frame(&self, site: &Site, normal: Vec3) -> Mat3 {
+        let along = self.tangents.and_then(|tangents| {
+            let mixed = site.mix(site.corners.map(|corner| tangents[corner]));
+            (mixed - normal * mixed.dot(normal)).try_normalize()
+        });
+        let turn = match along {
+            Some(tangent) => to_tangent_frame(normal, tangent),
+            None => Quat::from_rotation_arc(normal, Vec3::Z),
+        };
+        Mat3::from_quat(turn)
     }
 
     /// Values at the vertices as the camera sees them, blended over each triangle: `values` holds
@@ -150,7 +176,7 @@ impl<'a> Stage<'a> {
             .collect();
         self.image(camera, samples, |site, key| {
             let (origin, normal) = self.start(site);
-            let frame = Mat3::from_quat(Quat::from_rotation_arc(normal, Vec3::Z));
+            let frame = self.frame(site, normal);
             let local = |d: Vec3| (frame * d).as_dvec3().normalize_or_zero().to_array();
             let outgoing = local((camera.eye() - origin).normalize_or_zero());
             let (world, blocked) = self.cast(&directions, origin, normal, key);

@@ -24,6 +24,7 @@ mod rotation;
 mod skeleton;
 mod split;
 mod subset;
+mod tangents;
 mod upright;
 
 pub use blend::Mix;
@@ -38,4 +39,5 @@ pub use points::Points;
 pub use pose::Pose;
 pub use rotation::{mean_rotation, nearest_rotation, rotation_vector};
 pub use skeleton::{Node, Skeleton, Transform};
+pub use tangents::{TangentFigures, Tangents, coherence, smoothness, to_tangent_frame};
 pub use upright::RootMotion;

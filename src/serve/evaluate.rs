@@ -7,6 +7,7 @@ use axum::body::Body;
 use axum::extract::{Path, State};
 use axum::http::HeaderMap;
 use axum::response::Response;
+use glam::Vec3;
 
 use super::Service;
 use super::answer::{blocking, bytes, document, is_sha256};
@@ -15,13 +16,15 @@ use super::poses::{EvaluateRequest, refused};
 use super::problem::Problem;
 use super::values::{RAW, Values, as_bytes, as_json};
 use crate::model::Model;
-use crate::pipeline::{Light, Query};
+use crate::pipeline::{Gloss, Light, Query};
 
 /// What is evaluated at poses.
 pub(super) struct Asked<'a> {
     pub(super) model: &'a Model,
     /// Shading under this light in place of coefficients.
     pub(super) light: Option<&'a Light>,
+    /// Reflection towards an eye in place of both; the poses then have their mesh.
+    pub(super) gloss: Option<(&'a Gloss, Vec3)>,
     /// Only these vertices; all when absent.
     pub(super) vertices: Option<&'a [u32]>,
 }
@@ -56,9 +59,11 @@ fn evaluate(
     model: &Model,
     request: &EvaluateRequest,
 ) -> Result<Values, Problem> {
-    let light = request.light(service, id, model)?;
+    let gloss = request.gloss(service, id, model)?;
+    let light = if gloss.is_none() { request.light(service, id, model)? } else { None };
     let vertices = request.vertices.as_deref();
-    let asked = Asked { model, light: light.as_deref(), vertices };
+    let gloss = gloss.as_ref().map(|(gloss, eye)| (gloss.as_ref(), *eye));
+    let asked = Asked { model, light: light.as_deref(), gloss, vertices };
     asked.values(service, &request.queries(service, id, model)?)
 }
 
@@ -71,9 +76,10 @@ impl Asked<'_> {
         let (model, header) = (self.model, self.model.header());
         let rows = self.vertices.map_or(header.mesh.vertices as usize, <[u32]>::len);
         let mut shape = vec![queries.len(), rows];
-        match self.light {
-            Some(light) => shape.push(light.colours(model)),
-            None => shape.extend([usize::from(header.channels), header.coefficients()]),
+        match (self.light, self.gloss) {
+            (_, Some(_)) => shape.push(3),
+            (Some(light), None) => shape.push(light.colours(model)),
+            (None, None) => shape.extend([usize::from(header.channels), header.coefficients()]),
         }
         let most = service.settings.limits.answer_bytes;
         let wanted = shape.iter().fold(4_u64, |bytes, &n| bytes.saturating_mul(n as u64));
@@ -89,7 +95,13 @@ impl Asked<'_> {
         for query in queries {
             let refuse = |error| refused("#".to_owned(), &error);
             distances.push(query.distance(model).map_err(refuse)?);
-            query.values(model, self.light, self.vertices, &mut values).map_err(refuse)?;
+            match self.gloss {
+                Some((gloss, eye)) => {
+                    query.reflected(model, (gloss, eye, None), self.vertices, &mut values)
+                }
+                None => query.values(model, self.light, self.vertices, &mut values).map(drop),
+            }
+            .map_err(refuse)?;
         }
         let turned = queries.iter().all(|query| query.is_turned(model));
         let frame = if turned { "root" } else { "bone" };

@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use super::problem::Problem;
 use super::{Service, StoreError};
 use crate::model::Model;
-use crate::pipeline::{self, Light, Scene, files};
+use crate::pipeline::{self, Gloss, Light, Scene, files};
 
 /// The cache.
 #[derive(Debug)]
@@ -34,6 +34,8 @@ struct Inner {
     models: Vec<(String, Arc<Model>, u64)>,
     /// The latest used one last.
     lights: Vec<(LightKey, Arc<Light>)>,
+    /// The latest used one last.
+    glosses: Vec<(LightKey, Arc<Gloss>)>,
     /// By a digest of the scene's name; the latest used one last.
     scenes: Vec<([u8; 32], Arc<Scene>)>,
     hits: u64,
@@ -89,21 +91,31 @@ impl Hot {
         make: impl FnOnce() -> Result<Light, Problem>,
     ) -> Result<Arc<Light>, Problem> {
         let key = (id.to_owned(), Sha256::digest(name).into());
-        let mut inner = self.lock();
-        if let Some(at) = inner.lights.iter().position(|(known, _)| *known == key) {
-            let entry = inner.lights.remove(at);
-            let light = Arc::clone(&entry.1);
-            inner.lights.push(entry);
+        if let Some(light) = take(&mut self.lock().lights, &key) {
             return Ok(light);
         }
-        drop(inner);
         let light = Arc::new(make()?);
-        let mut inner = self.lock();
-        inner.lights.push((key, Arc::clone(&light)));
-        if inner.lights.len() > MOST_LIGHTS {
-            inner.lights.remove(0);
-        }
+        keep(&mut self.lock().lights, key, &light);
         Ok(light)
+    }
+
+    /// As [`Hot::light`], for a light that is reflected towards an eye.
+    ///
+    /// # Errors
+    /// What `make` objects to.
+    pub(super) fn gloss(
+        &self,
+        id: &str,
+        name: &[u8],
+        make: impl FnOnce() -> Result<Gloss, Problem>,
+    ) -> Result<Arc<Gloss>, Problem> {
+        let key = (id.to_owned(), Sha256::digest(name).into());
+        if let Some(gloss) = take(&mut self.lock().glosses, &key) {
+            return Ok(gloss);
+        }
+        let gloss = Arc::new(make()?);
+        keep(&mut self.lock().glosses, key, &gloss);
+        Ok(gloss)
     }
 
     /// A scene, imported once and kept; one at a time is imported. `name` tells scenes apart: what
@@ -149,6 +161,7 @@ impl Hot {
         inner.forgotten += 1;
         inner.models.retain(|(known, ..)| known != id);
         inner.lights.retain(|((known, _), _)| known != id);
+        inner.glosses.retain(|((known, _), _)| known != id);
     }
 
     pub(super) fn figures(&self) -> HotFigures {
@@ -188,6 +201,23 @@ impl Hot {
 
     fn lock(&self) -> MutexGuard<'_, Inner> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The entry of a key, which is now the latest used one.
+fn take<T>(kept: &mut Vec<(LightKey, Arc<T>)>, key: &LightKey) -> Option<Arc<T>> {
+    let at = kept.iter().position(|(known, _)| known == key)?;
+    let entry = kept.remove(at);
+    let value = Arc::clone(&entry.1);
+    kept.push(entry);
+    Some(value)
+}
+
+/// Keeps what was made, and forgets what was not used for longest.
+fn keep<T>(kept: &mut Vec<(LightKey, Arc<T>)>, key: LightKey, value: &Arc<T>) {
+    kept.push((key, Arc::clone(value)));
+    if kept.len() > MOST_LIGHTS {
+        kept.remove(0);
     }
 }
 

@@ -20,6 +20,7 @@ mod evaluate;
 mod events;
 mod faults;
 mod files;
+mod gloss;
 mod grpc;
 mod guard;
 mod health;

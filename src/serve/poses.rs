@@ -8,6 +8,7 @@ use serde::{Deserialize, Deserializer};
 
 use super::Service;
 use super::answer::{escaped, is_sha256};
+use super::gloss::BrdfRequest;
 use super::problem::Problem;
 use super::scenes::{self, SceneRequest};
 use crate::model::{self, JointPose, JointTransform, Model};
@@ -20,9 +21,9 @@ pub(super) struct EvaluateRequest {
     /// Poses by joints and morph weights; what is not named is at rest.
     poses: Option<Vec<PoseRequest>>,
     /// Poses by the model's own parameters.
-    parameters: Option<Vec<Vec<f32>>>,
+    pub(super) parameters: Option<Vec<Vec<f32>>>,
     /// Poses by the vertices of the posed mesh, `[vertex, 3]` each.
-    positions: Option<Vec<Vec<f32>>>,
+    pub(super) positions: Option<Vec<Vec<f32>>>,
     /// Poses of a clip of an uploaded scene.
     clip: Option<ClipRequest>,
     /// The scene that the model is of; beside `poses` and `positions` of models that look at the
@@ -31,7 +32,9 @@ pub(super) struct EvaluateRequest {
     /// Only these vertices, in this order; all when absent.
     pub(super) vertices: Option<Vec<u32>>,
     /// Shading under this light in place of coefficients.
-    light: Option<LightRequest>,
+    pub(super) light: Option<LightRequest>,
+    /// Reflection of that light towards an eye, of models of visibility.
+    pub(super) brdf: Option<BrdfRequest>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -94,15 +97,17 @@ struct ClipRequest {
     times_s: Vec<f32>,
 }
 
-/// Exactly one of `coefficients` and `asset`.
+/// Exactly one of `coefficients`, `asset` and `form`.
 #[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields, expecting = "an object with `coefficients` or `asset`")]
+#[serde(deny_unknown_fields, expecting = "an object with `coefficients`, `asset` or `form`")]
 pub(super) struct LightRequest {
     /// n² coefficients of incoming radiance in the root frame, for 1 or 3 colours.
     pub(super) coefficients: Option<Vec<Vec<f32>>>,
     /// SHA-256 of an uploaded map.
     pub(super) asset: Option<String>,
-    /// The map is turned so far about +Y.
+    /// A light in words, such as `cone:0,1,0,20`.
+    pub(super) form: Option<String>,
+    /// The map, or the light in words, is turned so far about +Y.
     #[serde(default)]
     pub(super) turn_degrees: f64,
 }
@@ -115,27 +120,54 @@ impl LightRequest {
         id: &str,
         model: &Model,
     ) -> Result<Arc<Light>, Problem> {
-        match (&self.coefficients, &self.asset) {
-            (Some(colours), None) => {
-                let mut name = Vec::new();
-                for colour in colours {
-                    name.extend_from_slice(&(colour.len() as u64).to_le_bytes());
-                    name.extend(colour.iter().flat_map(|value| value.to_le_bytes()));
-                }
-                service.hot.light(id, &name, || {
-                    let light = Light::new(model, colours.clone());
-                    light.map_err(|error| refused("#/light/coefficients".to_owned(), &error))
-                })
+        service.hot.light(id, &self.name(), || {
+            let colours = self.colours(service, model)?;
+            let given = self.coefficients.is_some();
+            let pointer = if given { "#/light/coefficients" } else { "#/light" };
+            Light::new(model, colours).map_err(|error| refused(pointer.to_owned(), &error))
+        })
+    }
+
+    /// What tells lights apart.
+    pub(super) fn name(&self) -> Vec<u8> {
+        let mut name = Vec::new();
+        for colour in self.coefficients.iter().flatten() {
+            name.extend_from_slice(&(colour.len() as u64).to_le_bytes());
+            name.extend(colour.iter().flat_map(|value| value.to_le_bytes()));
+        }
+        let turn = self.turn_degrees.to_bits();
+        name.extend(format!("{:?} {:?} {turn}", self.asset, self.form).bytes());
+        name
+    }
+
+    /// The coefficients by colour.
+    pub(super) fn colours(
+        &self,
+        service: &Service,
+        model: &Model,
+    ) -> Result<Vec<Vec<f32>>, Problem> {
+        match (&self.coefficients, &self.asset, &self.form) {
+            (Some(colours), None, None) => Ok(colours.clone()),
+            (None, Some(asset), None) => self.of_map(service, model, asset),
+            (None, None, Some(form)) => self.of_words(model, form),
+            _ => {
+                let fault = "give one of `coefficients`, `asset` and `form`";
+                Err(Problem::field("#/light", fault))
             }
-            (None, Some(asset)) => {
-                let name = format!("{asset} {}", self.turn_degrees.to_bits());
-                service.hot.light(id, name.as_bytes(), || self.of_map(service, model, asset))
-            }
-            _ => Err(Problem::field("#/light", "give one of `coefficients` and `asset`")),
         }
     }
 
-    fn of_map(&self, service: &Service, model: &Model, asset: &str) -> Result<Light, Problem> {
+    fn of_words(&self, model: &Model, form: &str) -> Result<Vec<Vec<f32>>, Problem> {
+        pipeline::words_light(model, form, self.turn_degrees)
+            .map_err(|error| Problem::field("#/light/form", error.to_string()))
+    }
+
+    fn of_map(
+        &self,
+        service: &Service,
+        model: &Model,
+        asset: &str,
+    ) -> Result<Vec<Vec<f32>>, Problem> {
         let known = if is_sha256(asset) { service.store.asset(asset)? } else { None };
         let Some(known) = known else {
             return Err(Problem::field("#/light/asset", "it does not name an uploaded asset"));
@@ -144,9 +176,8 @@ impl LightRequest {
         let bytes = pipeline::files::read(&path, known.bytes);
         let bytes = bytes.map_err(|error| Problem::internal(&error))?;
         let refuse = |error: &dyn std::fmt::Display| Problem::field("#/light", error.to_string());
-        let colours = pipeline::map_light(model, &bytes, "the map", self.turn_degrees)
-            .map_err(|error| refuse(&error))?;
-        Light::new(model, colours).map_err(|error| refused("#/light".to_owned(), &error))
+        pipeline::map_light(model, &bytes, "the map", self.turn_degrees)
+            .map_err(|error| refuse(&error))
     }
 }
 
@@ -184,6 +215,7 @@ impl EvaluateRequest {
                 let scene = self.scene(service, id, model)?;
                 let query = |(index, pose): (usize, &PoseRequest)| {
                     let query = pose.query(model, scene.as_deref());
+                    let query = query.and_then(|query| self.posed(query, model, scene.as_deref()));
                     query.map_err(|error| refused(at("poses", index), &error))
                 };
                 poses.iter().enumerate().map(query).collect()
@@ -207,7 +239,10 @@ impl EvaluateRequest {
             }
             (None, None, None, Some(clip)) => {
                 many("#/clip/times_s", clip.times_s.len())?;
-                clip.queries(service, id, model)
+                let (queries, scene) = clip.queries(service, id, model)?;
+                let posed = |query| self.posed(query, model, Some(scene.as_ref()));
+                let queries: Result<_, _> = queries.into_iter().map(posed).collect();
+                queries.map_err(|error| refused("#/clip".to_owned(), &error))
             }
             _ => Err(Problem::field("#", ONE_OF)),
         }
@@ -221,9 +256,20 @@ impl EvaluateRequest {
         model: &Model,
     ) -> Result<Option<Arc<Scene>>, Problem> {
         let needed = needs_scene(model) || (self.positions.is_some() && model.needs_surface());
-        let wanted = self.scene.is_some() || needed;
+        let reflecting = self.brdf.is_some() && model.rest().is_none();
+        let wanted = self.scene.is_some() || needed || reflecting;
         let scene = || scenes::of_model(service, id, self.scene.as_ref(), "#/scene");
         wanted.then(scene).transpose()
+    }
+
+    /// With the posed mesh beside it where light is reflected.
+    fn posed(
+        &self,
+        query: Query,
+        model: &Model,
+        scene: Option<&Scene>,
+    ) -> Result<Query, EvaluateError> {
+        if self.brdf.is_some() { query.posed(model, scene) } else { Ok(query) }
     }
 
     /// The light as the model takes it.
@@ -265,7 +311,12 @@ impl PoseRequest {
 }
 
 impl ClipRequest {
-    fn queries(&self, service: &Service, id: &str, model: &Model) -> Result<Vec<Query>, Problem> {
+    fn queries(
+        &self,
+        service: &Service,
+        id: &str,
+        model: &Model,
+    ) -> Result<(Vec<Query>, Arc<Scene>), Problem> {
         let named = match (&self.assets, &self.file) {
             (Some(assets), file) => {
                 Some(SceneRequest { assets: assets.clone(), file: file.clone() })
@@ -280,8 +331,9 @@ impl ClipRequest {
                 .map_err(|fault| Problem::field(format!("#/clip/times_s/{index}"), fault))?;
         }
         let scene = scenes::of_model(service, id, named.as_ref(), "#/clip")?;
-        Query::from_clip(model, &scene, &self.name, self.times_s.iter().copied())
-            .map_err(|error| refused("#/clip".to_owned(), &error))
+        let queries = Query::from_clip(model, &scene, &self.name, self.times_s.iter().copied())
+            .map_err(|error| refused("#/clip".to_owned(), &error))?;
+        Ok((queries, scene))
     }
 }
 

@@ -111,7 +111,7 @@ impl Kind {
     fn parts(self) -> &'static [&'static str] {
         match self {
             Self::Run | Self::Bake => {
-                &["version", "scene", "poses", "bake", "fit", "target", "output"]
+                &["version", "scene", "poses", "bake", "fit", "target", "light", "output"]
             }
             Self::Fit => &["version", "fit", "target", "output"],
             Self::Measure => &["version", "target"],
@@ -202,7 +202,10 @@ impl JobRequest {
         let scene = ("#/recipe/scene/file", &self.recipe.scene.file);
         let occluders = named.map(|file| ("#/recipe/bake/surroundings/occluders/file", file));
         let receivers = received.map(|file| ("#/recipe/bake/surroundings/receivers/file", file));
-        for (pointer, file) in [Some(scene), occluders, receivers].into_iter().flatten() {
+        let light = self.recipe.light.as_ref().map(|light| &light.source);
+        let map = light.filter(|source| !pipeline::is_words(source));
+        let map = map.map(|file| ("#/recipe/light/source", file));
+        for (pointer, file) in [Some(scene), occluders, receivers, map].into_iter().flatten() {
             if !self.assets.contains_key(file) {
                 let known: Vec<&str> = self.assets.keys().map(String::as_str).collect();
                 let fault = format!("`{file}` is none of the job's assets, {}", known.join(", "));
@@ -262,6 +265,11 @@ impl JobRequest {
         }
         if let Some(receivers) = &mut recipe.bake.surroundings.receivers {
             receivers.file = folder.join(&receivers.file).display().to_string();
+        }
+        if let Some(light) = &mut recipe.light
+            && !pipeline::is_words(&light.source)
+        {
+            light.source = folder.join(&light.source).display().to_string();
         }
         Job::open(&self.scene(folder), recipe)
     }

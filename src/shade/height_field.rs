@@ -6,7 +6,11 @@
 //! wedge of azimuths with one horizon is a product of an integral over φ, known in closed form, and
 //! one over z, tabulated; so turning a wedge about the vertical costs nothing.
 
+mod rows;
+
 use std::f32::consts::TAU;
+
+use glam::Vec3;
 
 use super::Error;
 use crate::sh::{MAX_BANDS, MAX_COEFFICIENTS, Order, evaluate_f64, gauss_legendre};
@@ -16,6 +20,9 @@ const STEPS: usize = 512;
 
 /// The most azimuths.
 pub const MOST_AZIMUTHS: usize = 256;
+
+/// Places that are looked at in every octave of distance.
+const OCTAVE: [f32; 3] = [1.0, 1.26, 1.587];
 
 /// The most samples of a field.
 const MOST_SAMPLES: usize = 1 << 26;
@@ -103,6 +110,16 @@ impl HeightField {
         [along(width, column, &|x| self.at(0, x, y)), along(height, row, &|y| self.at(0, x, y))]
     }
 
+    /// The unit normal at a sample, by central differences.
+    ///
+    /// # Panics
+    /// If there is no such sample.
+    #[must_use]
+    pub fn normal(&self, column: usize, row: usize) -> Vec3 {
+        let [sx, sy] = self.slope(column, row);
+        Vec3::new(-sx, -sy, 1.0).normalize()
+    }
+
     /// The slope (tangent of the elevation) of the horizon from a sample towards an azimuth: the
     /// steepest line of sight to three places an octave, from 1 sample to the far edge, each looked
     /// up where samples are a quarter of its distance wide. A wall between two places is seen at the
@@ -112,7 +129,7 @@ impl HeightField {
         let here = self.at(0, x, y);
         let mut steepest = f32::NEG_INFINITY;
         for level in 0..self.levels.len() {
-            for far in [1.0, 1.26, 1.587] {
+            for far in OCTAVE {
                 let samples = far * (1_u32 << level) as f32;
                 let there = self.at(level.saturating_sub(2), x + samples * cos, y + samples * sin);
                 steepest = steepest.max((there - here) / (samples * self.cell_m));

@@ -28,9 +28,9 @@ pub use light::ShLight;
 #[cfg(feature = "bake")]
 pub use reflection::{Cosine, Factored, factor, factor_by};
 pub use reflection::{
-    GlobalReflector, ReflectionOperator, Reflector, ReflectorError, ReflectorHeader,
+    GlobalReflector, ReflectionOperator, Reflector, ReflectorError, ReflectorHeader, ShadedPoints,
 };
-pub use sphere_shadow::{Exponential, Sphere, SphereShadows};
+pub use sphere_shadow::{Exponential, Sphere, SphereSet, SphereShadows};
 pub use window::Window;
 pub use words::{BRDF_WORDS, LIGHT_WORDS, WordsError, brdf_of_words, light_of_words};
 pub use zonal_fit::{Lobe, MOST_LOBES, ZonalLight};

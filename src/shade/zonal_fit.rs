@@ -8,7 +8,7 @@
 
 use std::f64::consts::PI;
 
-use glam::Mat3;
+use glam::{DQuat, DVec3, Mat3};
 
 use super::ShLight;
 use crate::num::lbfgs;
@@ -106,6 +106,16 @@ impl ZonalLight {
             }
         }
         ShLight::from_coefficients(self.order, light)
+    }
+
+    /// The lobes turned with their light.
+    #[must_use]
+    pub fn rotated(&self, rotation: DQuat) -> Self {
+        let mut this = self.clone();
+        for lobe in &mut this.lobes {
+            lobe.axis = (rotation * DVec3::from(lobe.axis)).to_array();
+        }
+        this
     }
 
     /// The light's coefficients in a frame, `[colour][coefficient]`: `to_local` takes directions of
@@ -209,7 +219,7 @@ fn weighed(left: &ShLight, direction: [f64; 3], lobe: &Lobe) -> f64 {
 
 /// An axis and two directions at right angles to it and to one another.
 fn frame([x, y, z]: [f64; 3]) -> [[f64; 3]; 3] {
-    let axis = glam::DVec3::new(x, y, z);
+    let axis = DVec3::new(x, y, z);
     let (a, b) = axis.any_orthonormal_pair();
     [axis, a, b].map(|v| v.to_array())
 }

@@ -12,8 +12,8 @@ use crate::cli::units;
 use crate::pipeline::files;
 use crate::sh::Order;
 use crate::shade::{
-    BRDF_WORDS, Cosine, Examination, Factored, Material, Merl, Reflector, brdf_of_words, examine,
-    factor_by,
+    BRDF_WORDS, Cosine, Examination, Factored, Material, Merl, Reflectance, Reflector,
+    brdf_of_words, examine, factor_by,
 };
 
 /// A MERL file has 35 MB.
@@ -179,6 +179,13 @@ fn curve(source: &Material, cosine: Cosine) -> anyhow::Result<Vec<CurveRow>> {
             })
         })
         .collect()
+}
+
+/// The same without a grain, for what knows no tangents.
+pub(super) fn isotropic(source: &str) -> anyhow::Result<Material> {
+    let material = read(source)?;
+    ensure!(material.is_isotropic(), "`{source}` needs tangents, which models do not carry");
+    Ok(material)
 }
 
 /// A reflectance in words, or a MERL file of that name.

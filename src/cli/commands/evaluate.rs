@@ -3,14 +3,16 @@
 use std::path::Path;
 
 use anyhow::{bail, ensure};
+use glam::Vec3;
 use serde_json::json;
 
 use crate::cli::args::EvaluateArgs;
 use crate::cli::{Answer, files as arrays, light_source};
 use crate::model::{Model, Signal};
-use crate::pipeline::{self, Light, Query};
+use crate::pipeline::{self, GLOSS_LOBES, GLOSS_TERMS, Gloss, Light, Query};
 use crate::rig::Pose;
 use crate::sh::{Order, bent_normal};
+use crate::shade::{Reflector, factor};
 
 pub(in crate::cli) fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Answer> {
     super::named(&args.output, "npy")?;
@@ -21,6 +23,9 @@ pub(in crate::cli) fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Answer> {
         (None, Some(scene), None) => vec![at_rest(&model, scene)?],
         (None, None, _) => bail!("give --parameters or --scene"),
     };
+    if let Some(brdf) = &args.brdf {
+        return reflect(args, &model, brdf, queries);
+    }
     let light = args.light.as_deref().map(|source| read_light(&model, source)).transpose()?;
     let mut values = Vec::new();
     let (mut furthest, mut outside) = ((0.0_f32, 0.0_f32), 0.0_f32);
@@ -55,6 +60,51 @@ pub(in crate::cli) fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Answer> {
         "mahalanobis_max": furthest.0,
         "residual_max": furthest.1,
         "outside_max": outside,
+    });
+    Ok(Answer::new(text, json))
+}
+
+/// Radiance towards an eye.
+fn reflect(
+    args: &EvaluateArgs,
+    model: &Model,
+    brdf: &str,
+    queries: Vec<Query>,
+) -> anyhow::Result<Answer> {
+    let (Some(light), Some(eye), Some(scene)) = (&args.light, &args.eye, &args.scene) else {
+        bail!("--brdf wants --light, --eye and --scene");
+    };
+    let order = Order::new(model.header().order)?;
+    let read = light_source::read_light(light, order, 0.0)?;
+    read.notices.iter().for_each(|notice| tracing::warn!("{notice}"));
+    let material = super::brdf::isotropic(brdf)?;
+    let operators = factor(&material, order, material.nodes())?.map(|c| c.operator(GLOSS_TERMS));
+    let reflector = Reflector::new(brdf, &operators, [0.0; 3]);
+    let gloss = Gloss::new(model, &read.light, reflector, GLOSS_LOBES)?;
+    let eye = Vec3::from_slice(eye);
+    ensure!(eye.is_finite(), "--eye is no place");
+    let scene = pipeline::import(scene)?;
+    let (count, mut values) = (queries.len(), Vec::new());
+    for query in queries {
+        query.posed(model, Some(&scene))?.reflected(
+            model,
+            (&gloss, eye, None),
+            None,
+            &mut values,
+        )?;
+    }
+    let shape = vec![count, model.header().mesh.vertices as usize, 3];
+    arrays::write_npy(&args.output, &shape, &values)?;
+    let text = format!(
+        "{} {shape:?}: radiance towards the eye; the lobes leave {:.2} % of the light's energy out",
+        args.output.display(),
+        100.0 * gloss.residual()
+    );
+    let json = json!({
+        "output": args.output,
+        "shape": shape,
+        "frame": "root",
+        "light_residual_energy": gloss.residual(),
     });
     Ok(Answer::new(text, json))
 }

@@ -15,6 +15,7 @@ pub(in crate::cli) fn run(args: &RunArgs, watch: &Watch) -> anyhow::Result<Answe
     args.fit.edit(&mut recipe);
     args.measure.edit(&mut recipe);
     args.limits.edit(&mut recipe);
+    args.pictures.edit(&mut recipe);
     leave_open(args, &mut recipe)?;
     let places = (args.scene.as_path(), args.output.as_path());
     let chosen = super::bake::choose_rays(args.bake.choose_rays, places, &mut recipe, watch)?;

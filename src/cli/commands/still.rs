@@ -5,7 +5,8 @@ use serde_json::json;
 use crate::cli::Answer;
 use crate::cli::light_source::read_light;
 use crate::cli::still_args::StillArgs;
-use crate::pipeline::{self, Still, StillPicture, files};
+use crate::pipeline::{self, GLOSS_LOBES, GLOSS_TERMS, Still, StillPicture, files};
+use crate::render::animated_png;
 use crate::sh::Order;
 
 pub(in crate::cli) fn still(args: &StillArgs) -> anyhow::Result<Answer> {
@@ -17,9 +18,17 @@ pub(in crate::cli) fn still(args: &StillArgs) -> anyhow::Result<Answer> {
         read_light(source, Order::new(order)?, args.turn)
     });
     let light = light.transpose()?;
+    let turntable = args.turntable.map(usize::from);
     let times_s = match (&args.clip, args.time) {
         (None, _) => Vec::new(),
         (Some(_), Some(time)) => vec![time],
+        (Some(clip), None) if turntable.is_some() => {
+            // The last frame is followed by the first.
+            let count = turntable.unwrap_or(1);
+            let mut times = pipeline::spread_times(&scene, clip, count + 1)?;
+            times.truncate(count);
+            times
+        }
         (Some(clip), None) => {
             pipeline::spread_times(&scene, clip, usize::from(args.frames.unwrap_or(1)))?
         }
@@ -34,10 +43,18 @@ pub(in crate::cli) fn still(args: &StillArgs) -> anyhow::Result<Answer> {
         gains: if args.gain.is_empty() { vec![4.0] } else { args.gain.clone() },
         light: light.as_ref().map(|read| read.light.clone()),
         brdf: args.brdf.as_deref().map(super::brdf::read).transpose()?,
+        terms: args.terms.map_or(GLOSS_TERMS, usize::from),
+        lobes: args.lobes.map_or(GLOSS_LOBES, usize::from),
+        turntable,
+        tone: args.tone.into(),
         exposure_stops: args.exposure,
     };
     let made = pipeline::still(&scene, model.as_ref(), &settings)?;
-    files::publish(&args.output, &made.picture.png()?)?;
+    let png = match made.pictures.as_slice() {
+        [picture] => picture.png()?,
+        frames => animated_png(frames, args.speed)?,
+    };
+    files::publish(&args.output, &png)?;
     let mut notices = light.map_or_else(Vec::new, |read| read.notices);
     notices.extend(made.notices.iter().cloned());
     for notice in &notices {
@@ -52,8 +69,11 @@ fn answer(
     made: &StillPicture,
     notices: &[String],
 ) -> Answer {
-    let (width, height) = (made.picture.width(), made.picture.height());
+    let (width, height) = (made.pictures[0].width(), made.pictures[0].height());
     let mut text = format!("{} of {width} × {height} pixels", args.output.display());
+    if made.pictures.len() > 1 {
+        text = format!("{text}, {} frames", made.pictures.len());
+    }
     let frames: Vec<_> = made
         .differences
         .iter()
@@ -71,6 +91,8 @@ fn answer(
         "light": args.light,
         "brdf": args.brdf,
         "exposure": made.exposure,
+        "tone": settings.tone.name(),
+        "turntable": settings.turntable,
         "gains": settings.gains,
         "frames": frames,
         "notices": notices,

@@ -31,7 +31,7 @@ use crate::sh::Order;
 use blocked::{Seen, Weighing, Work};
 use explained::{Chunk, chunks};
 use solver::Solver;
-use spheres::Proxy;
+pub(super) use spheres::{Proxy, cut, cut_among};
 use sums::{Moments, Sums};
 
 /// Parts into which the training poses are cut to be left out, at most.
@@ -52,7 +52,7 @@ pub(super) fn place(
     directions: usize,
 ) -> Result<Placed, Error> {
     let proxy = if directions > 0 { Proxy::Ellipsoid } else { Proxy::Sphere };
-    let spheres = spheres::cut(geometry, count, proxy)?;
+    let spheres = cut(geometry, count, proxy)?;
     let bone_of_sphere: Vec<usize> = spheres
         .anchors
         .iter()

@@ -34,20 +34,20 @@ const FOUND: f32 = 0.98;
 
 /// Spheres at rest.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Spheres {
+pub(in crate::fit) struct Spheres {
     /// `[sphere, ANCHORS]`, points.
-    pub(super) anchors: Vec<u32>,
+    pub(in crate::fit) anchors: Vec<u32>,
     /// From the anchors' mean to the centre, metres.
-    pub(super) offsets: Vec<Vec3>,
+    pub(in crate::fit) offsets: Vec<Vec3>,
     /// Metres.
-    pub(super) radii: Vec<f32>,
+    pub(in crate::fit) radii: Vec<f32>,
     /// As [`crate::model::Occluders::shapes`]; empty where spheres were asked for.
     pub(super) shapes: Vec<f32>,
 }
 
 /// What is cut.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Proxy {
+pub(in crate::fit) enum Proxy {
     /// Of the balls' mean radius, a little larger.
     Sphere,
     /// Of the balls' mean radius and, along each axis, as long as their centres are spread: limbs are
@@ -69,11 +69,25 @@ struct Sample {
 }
 
 /// Cuts `count` spheres, or as many as the mesh allows; at least one for every bone.
-pub(super) fn cut(geometry: &Geometry<'_>, count: usize, proxy: Proxy) -> Result<Spheres, Error> {
+pub(in crate::fit) fn cut(
+    geometry: &Geometry<'_>,
+    count: usize,
+    proxy: Proxy,
+) -> Result<Spheres, Error> {
+    cut_among(geometry, count, proxy, CLOUD)
+}
+
+/// The same by a number of points that are looked at.
+pub(in crate::fit) fn cut_among(
+    geometry: &Geometry<'_>,
+    count: usize,
+    proxy: Proxy,
+    cloud: usize,
+) -> Result<Spheres, Error> {
     let rest = geometry.rest();
     let areas = geometry.areas(&rest.positions);
     let diagonal = diagonal(&rest.positions);
-    let samples = samples(geometry, &rest, &areas, diagonal);
+    let samples = samples(geometry, &rest, (&areas, diagonal), cloud);
     let mut spheres = Spheres::default();
     for cluster in clusters(&samples, count)? {
         let area: f32 = cluster.iter().map(|s| s.area).sum();
@@ -133,8 +147,13 @@ fn diagonal(positions: &[Vec3]) -> f32 {
     (high - low).length().max(f32::MIN_POSITIVE)
 }
 
-fn samples(geometry: &Geometry<'_>, rest: &Deformed, areas: &[f32], diagonal: f32) -> Vec<Sample> {
-    let stride = rest.positions.len().div_ceil(CLOUD).max(1);
+fn samples(
+    geometry: &Geometry<'_>,
+    rest: &Deformed,
+    (areas, diagonal): (&[f32], f32),
+    cloud: usize,
+) -> Vec<Sample> {
+    let stride = rest.positions.len().div_ceil(cloud).max(1);
     let cloud: Vec<Vec3> = rest.positions.iter().copied().step_by(stride).collect();
     // A point without triangles still counts a little, so that no sum of areas is 0.
     let least = areas.iter().sum::<f32>().max(f32::MIN_POSITIVE) * 1e-6 / areas.len() as f32;

@@ -1,8 +1,10 @@
 //! What a still shows, and what cannot be shown.
 
 use super::super::evaluate::EvaluateError;
+use crate::fit;
 use crate::num::linalg::NoConvergence;
-use crate::shade::{Material, ShLight};
+use crate::render::Tone;
+use crate::shade::{self, MOST_LOBES, Material, ShLight};
 use crate::trace;
 
 /// Pixels of a side of one panel, least and most.
@@ -10,6 +12,9 @@ pub const STILL_SIZES: [u32; 2] = [16, 4096];
 
 /// The most frames of a sheet.
 pub const MOST_STILL_FRAMES: usize = 64;
+
+/// The most frames of a turn.
+pub const MOST_TURN_FRAMES: usize = 240;
 
 /// The most pixels of all panels together.
 const MOST_PIXELS: usize = 64 << 20;
@@ -33,8 +38,17 @@ pub struct Still<'a> {
     pub gains: Vec<f32>,
     /// An environment fixed in the scene; ambient occlusion when absent.
     pub light: Option<ShLight>,
-    /// An isotropic reflectance; white Lambert when absent. Beside it goes a model of visibility.
+    /// A reflectance; white Lambert when absent. Beside it goes a model of visibility.
     pub brdf: Option<Material>,
+    /// Terms of the reflectance's operator on a model.
+    pub terms: usize,
+    /// Zonal lobes that stand for the light on a model of visibility, 1 to 8.
+    pub lobes: usize,
+    /// Frames of a turn about the vertical, one after another, 2 to 240; `view` is its first. The clip has
+    /// one time, or one for each. A sheet when absent.
+    pub turntable: Option<usize>,
+    /// How light is brought within the screen's range.
+    pub tone: Tone,
     /// Stops of brightness; at 0 the brightest open white surface is white.
     pub exposure_stops: f32,
 }
@@ -83,6 +97,12 @@ pub enum StillError {
     /// The reflectance could not be factored.
     #[error("the reflectance: {0}")]
     Factor(#[from] NoConvergence),
+    /// Heights that are no field.
+    #[error(transparent)]
+    Field(#[from] shade::Error),
+    /// The spheres of a character could not be cut.
+    #[error("the spheres that cast shadows: {0}")]
+    Spheres(#[from] fit::Error),
     /// Ambient occlusion under a light.
     #[error("the model holds ambient occlusion, which meets no light; leave the light out")]
     AmbientOnly,
@@ -101,9 +121,24 @@ pub(super) fn check(settings: &Still<'_>, with_model: bool) -> Result<(), StillE
     if !(2..=65_536).contains(&settings.rays) {
         return setting("rays", settings.rays.to_string(), "2 to 65536");
     }
-    let frames = if settings.clip.is_some() { settings.times_s.len() } else { 1 };
-    if !(1..=MOST_STILL_FRAMES).contains(&frames) {
+    let times = if settings.clip.is_some() { settings.times_s.len() } else { 1 };
+    let frames = settings.turntable.unwrap_or(times);
+    if settings.turntable.is_none() && !(1..=MOST_STILL_FRAMES).contains(&frames) {
         return setting("the number of frames", frames.to_string(), "1 to 64");
+    }
+    if settings.turntable.is_some()
+        && !((2..=MOST_TURN_FRAMES).contains(&frames) && (times == 1 || times == frames))
+    {
+        let found = format!("{frames} at {times} times");
+        return setting(
+            "the number of frames of a turn",
+            found,
+            "2 to 240, at one time or one each",
+        );
+    }
+    if !(1..=MOST_LOBES).contains(&settings.lobes) || settings.terms == 0 {
+        let found = format!("{} and {}", settings.terms, settings.lobes);
+        return setting("terms and lobes", found, "at least one term and 1 to 8 lobes");
     }
     if let Some(gain) = settings.gains.iter().find(|gain| !(**gain >= 0.1 && **gain <= 1000.0)) {
         return setting("a gain", gain.to_string(), "0.1 to 1000");

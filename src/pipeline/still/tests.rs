@@ -1,6 +1,7 @@
 use std::sync::LazyLock;
 
 use super::*;
+use crate::render::Tone;
 use crate::scene::{Limits, Source, figure, import_sources};
 
 /// Made once: building the figure takes longer than any picture here.
@@ -20,6 +21,10 @@ fn settings<'a>() -> Still<'a> {
         gains: vec![4.0],
         light: None,
         brdf: None,
+        terms: 8,
+        lobes: 8,
+        turntable: None,
+        tone: Tone::Linear,
         exposure_stops: 0.0,
     }
 }
@@ -39,9 +44,46 @@ fn a_scene_alone_is_shaded_by_rays() {
     let lit = Still { clip: Some(&clip), times_s, light: Some(light), ..settings() };
     let four = still(scene, None, &lit).expect("rendered");
     assert_eq!(four.differences.len(), 4);
-    assert!(four.picture.width() > 2 * 24 && four.picture.height() > 2 * 24);
+    assert!(four.pictures[0].width() > 2 * 24 && four.pictures[0].height() > 2 * 24);
     let brighter = still(scene, None, &Still { exposure_stops: 1.0, ..lit }).expect("rendered");
     assert!((brighter.exposure / four.exposure - 2.0).abs() < 1e-5);
+}
+
+/// A turn is a picture a frame, all of one size and not the same; a clip may play meanwhile.
+#[test]
+fn a_turntable_is_a_picture_a_frame() {
+    let scene = &*SCENE;
+    let turn = Still { turntable: Some(3), ..settings() };
+    let made = still(scene, None, &turn).expect("rendered");
+    assert_eq!((made.pictures.len(), made.differences.len()), (3, 3));
+    assert!(made.pictures.iter().all(|p| p.width() == made.pictures[0].width()));
+    assert_ne!(made.pictures[0], made.pictures[1]);
+    let clip = scene.clips[0].name.clone();
+    let times_s = vec![0.0, 0.2, 0.4];
+    let playing = Still { clip: Some(&clip), times_s, ..turn.clone() };
+    let played = still(scene, None, &playing).expect("rendered");
+    assert_ne!(played.pictures[1], made.pictures[1]);
+    let filmic = Still { tone: Tone::Filmic, ..settings() };
+    let plain = still(scene, None, &settings()).expect("rendered");
+    assert_ne!(still(scene, None, &filmic).expect("rendered").pictures, plain.pictures);
+}
+
+/// A grain runs along tangents of the bones, and which way it runs is seen; the still says how smooth
+/// they are.
+#[test]
+fn reflectances_may_have_a_grain() {
+    let order = Order::new(4).expect("order");
+    let light = ShLight::cone(order, [0.3, 1.0, 0.6], 0.4, [6.0; 3]).expect("light");
+    let made = |alpha: [f64; 2]| {
+        let brdf = Brdf::Ggx { normal_reflectance: [0.8; 3], alpha };
+        let lit = Some(light.clone());
+        let grained = Still { brdf: Some(brdf.into()), light: lit, ..settings() };
+        still(&SCENE, None, &grained).expect("rendered")
+    };
+    let (along, across) = (made([0.2, 0.7]), made([0.7, 0.2]));
+    assert!(along.notices[0].contains("between neighbours"), "{:?}", along.notices);
+    assert_ne!(along.pictures, across.pictures);
+    assert!(made([0.4, 0.4]).notices.is_empty());
 }
 
 /// Numbers out of range, unknown clips and times past the end are refused by name.
@@ -55,11 +97,14 @@ fn wrong_settings_are_refused() {
     };
     refused(Still { size: [8, 24], ..settings() }, "16 to 4096");
     refused(Still { samples: 0, ..settings() }, "samples");
+    refused(Still { turntable: Some(1), ..settings() }, "of a turn");
+    let two = vec![0.0; 2];
+    let torn = Still { clip: Some(&clip), times_s: two, turntable: Some(3), ..settings() };
+    refused(torn, "one each");
+    refused(Still { lobes: 9, ..settings() }, "lobes");
     refused(Still { rays: 1, ..settings() }, "rays");
     refused(Still { gains: vec![f32::NAN], ..settings() }, "gain");
     refused(Still { view: [0.0, 90.0], ..settings() }, "pitch");
-    let grained = Brdf::Ggx { normal_reflectance: [0.5; 3], alpha: [0.1, 0.3] };
-    refused(Still { brdf: Some(grained.into()), ..settings() }, "tangents");
     refused(Still { exposure_stops: f32::NAN, ..settings() }, "exposure");
     refused(Still { clip: Some("fly"), times_s: vec![0.0], ..settings() }, "fly");
     refused(Still { clip: Some(&clip), times_s: vec![1e9], ..settings() }, "no time");

@@ -179,6 +179,7 @@ impl Subject {
         let asked = Asked {
             model: &self.model,
             light: self.light.as_deref(),
+            gloss: None,
             vertices: self.vertices.as_deref(),
         };
         tracing::trace!(model = self.id, "a pose of a stream");
@@ -205,6 +206,7 @@ fn light_request(light: v1::Light) -> LightRequest {
     LightRequest {
         coefficients: Some(colours).filter(|colours| !colours.is_empty()),
         asset: Some(light.asset).filter(|asset| !asset.is_empty()),
+        form: None,
         turn_degrees: light.turn_degrees,
     }
 }

@@ -125,6 +125,28 @@ fn fields_move() {
     assert!(off.sqrt() < 0.08 * open(), "{found:?} {slow:?}");
 }
 
+/// All samples of a row at once are as each alone, for fields of every shape.
+#[test]
+fn rows_are_their_samples() {
+    for (width, height) in [(1, 1), (2, 1), (1, 7), (33, 20), (64, 5)] {
+        let heights: Vec<f32> = (0..width * height)
+            .map(|i| 2.0 * (i as f32 * 0.61).sin() + (i / width) as f32)
+            .collect();
+        let field = HeightField::new(width, height, 0.7, &heights).unwrap();
+        let shadows = HorizonShadows::new(order(4), 16);
+        for row in [0, height / 2, height - 1] {
+            let mut all = vec![0.0; 16 * width];
+            shadows.visibility_row(&field, row, &mut all);
+            for (column, found) in all.chunks_exact(16).enumerate() {
+                let mut alone = [0.0; 16];
+                shadows.visibility(&field, column, row, &mut alone);
+                let off = found.iter().zip(&alone).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+                assert!(off < 1e-4, "{width} × {height} at {column}, {row}: {off}");
+            }
+        }
+    }
+}
+
 /// NaN, sizes that do not fit and cells without length are refused with the numbers.
 #[test]
 fn bad_fields_are_refused() {

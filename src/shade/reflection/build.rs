@@ -21,6 +21,9 @@ use crate::shade::brdf::Reflectance;
 /// their size over the sphere, are left to the lower one.
 const LEAST: f64 = 1e-7;
 
+/// Terms that are weaker than this share of the strongest are rounding.
+const NOTHING: f64 = 1e-10;
+
 /// A reflectance of one colour, projected and factored.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Factored {
@@ -36,6 +39,8 @@ pub struct Factored {
     /// The part of it that the light's bands hold.
     lit: f64,
     cosine: Cosine,
+    /// Of all colours, so that their operators have the same number of terms.
+    rank: usize,
 }
 
 /// Where the cosine of the incoming direction goes.
@@ -78,16 +83,22 @@ impl Factored {
         self.strengths.iter().take(terms).map(|s| s * s).sum()
     }
 
-    /// The most terms that there are: n².
+    /// The most terms that there can be: n².
     #[must_use]
     pub fn most_terms(&self) -> usize {
         self.strengths.len()
     }
 
-    /// The operator of the strongest `terms` terms, or of all there are.
+    /// The terms of which any colour has more than rounding: 1 for Lambert.
+    #[must_use]
+    pub fn rank(&self) -> usize {
+        self.rank
+    }
+
+    /// The operator of the strongest `terms` terms, or of as many as the reflectance has.
     #[must_use]
     pub fn operator(&self, terms: usize) -> ReflectionOperator {
-        let terms = terms.clamp(1, self.most_terms());
+        let terms = terms.clamp(1, self.rank);
         let light = &self.light[..terms * self.light_order.coefficients()];
         let view = &self.view[..terms * self.order.coefficients()];
         let operator = ReflectionOperator::new(self.order, self.light_order, light, view);
@@ -144,6 +155,8 @@ pub fn factor_by(
         }
         out.push(Factored { cosine, ..decompose(projected, order, light_order)? });
     }
+    let rank = out.iter().map(|factored| factored.rank).max().unwrap_or(1);
+    out.iter_mut().for_each(|factored| factored.rank = rank);
     Ok(<[Factored; 3]>::try_from(out).expect("three colours went in"))
 }
 
@@ -373,8 +386,10 @@ fn decompose(
         light.extend((0..rows).map(|i| strength * svd.u[(i, b)]));
         view.extend((0..columns).map(|j| harmonics[(j, b)]));
     }
-    let cosine = Cosine::Inside;
-    Ok(Factored { order, light_order, light, view, strengths: svd.s, energy, lit, cosine })
+    let first = svd.s.first().copied().unwrap_or(0.0);
+    let rank = svd.s.iter().filter(|s| **s > NOTHING * first).count().max(1);
+    let (cosine, strengths) = (Cosine::Inside, svd.s);
+    Ok(Factored { order, light_order, light, view, strengths, energy, lit, cosine, rank })
 }
 
 #[cfg(test)]

@@ -8,11 +8,13 @@
 #[cfg(feature = "bake")]
 mod build;
 mod global;
+mod many;
 mod reflector;
 
 #[cfg(feature = "bake")]
 pub use build::{Cosine, Factored, factor, factor_by};
 pub use global::GlobalReflector;
+pub use many::ShadedPoints;
 pub use reflector::{Reflector, ReflectorError, ReflectorHeader};
 
 use crate::sh::{MAX_COEFFICIENTS, Order, Rotation, TripleProduct, evaluate_f64};

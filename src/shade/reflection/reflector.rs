@@ -190,6 +190,19 @@ impl Reflector {
         })
     }
 
+    /// View factors and transposed matrices of a colour; none where they are those of the one before.
+    #[inline(always)]
+    pub(super) fn channel(&self, colour: usize) -> Option<(&[f32], &[f32])> {
+        let (count, ReflectorHeader { channels, terms, .. }) =
+            (self.order.coefficients(), &self.header);
+        if colour >= *channels {
+            return None;
+        }
+        let view = &self.view[colour * terms * count..][..terms * count];
+        let matrices = &self.matrices[colour * terms * count * count..][..terms * count * count];
+        Some((view, matrices))
+    }
+
     fn apply(&self, strengths: &[f32], v: &[f32], matrices: &[f32], out: &mut [f32]) {
         match self.order.bands() {
             1 => transfer::<1>(strengths, v, matrices, out),

@@ -6,6 +6,7 @@
 //! fills. Sums of such logarithms cost one turned zonal vector a sphere; one exponential at the end
 //! makes them a visibility again.
 
+mod carried;
 mod exponential;
 mod logarithm;
 
@@ -13,6 +14,7 @@ use glam::Vec3;
 
 use crate::sh::{MAX_BANDS, MAX_COEFFICIENTS, Order, evaluate, zonal};
 
+pub use carried::SphereSet;
 pub use exponential::Exponential;
 use logarithm::Zonal;
 

@@ -122,3 +122,31 @@ fn points_inside_are_dark_and_finite() {
     shadows.visibility(Vec3::ZERO, &[nothing], &mut found);
     assert!((f64::from(found[0]) - one()[0]).abs() < 1e-5);
 }
+
+/// A sphere over a floor: where all of it is above the horizon, ambient occlusion is 1 − (r/d)² cos θ
+/// exactly; ours comes nearer as the order rises, within 0.03 at order 6.
+#[test]
+fn a_sphere_over_a_floor_has_its_closed_form() {
+    let sphere = Sphere { centre: Vec3::new(0.0, 1.0, 0.0), radius: 0.6 };
+    let mut worst = Vec::new();
+    for bands in [2, 4, 6, 8] {
+        let n = order(bands);
+        let shadows = SphereShadows::new(n);
+        let cosine = zonal::clamped_cosine(n);
+        let mut upright = vec![0.0; n.coefficients()];
+        zonal::rotate_f64(n, &cosine, [0.0, 1.0, 0.0], &mut upright);
+        let mut visible = vec![0.0; n.coefficients()];
+        let mut most = 0.0_f64;
+        for step in 0..12 {
+            let receiver = Vec3::new(0.25 * step as f32, 0.0, 0.1);
+            shadows.visibility(receiver, &[sphere], &mut visible);
+            let sum = visible.iter().zip(&upright);
+            let ao = sum.map(|(v, c)| f64::from(*v) * c).sum::<f64>() / PI;
+            let d = f64::from(sphere.centre.distance(receiver));
+            let expected = 1.0 - (0.6 / d).powi(2) * (1.0 / d);
+            most = most.max((ao - expected).abs());
+        }
+        worst.push(most);
+    }
+    assert!(worst[1] < worst[0] && worst[2] < 0.5 * worst[0] && worst[2] < 0.03, "{worst:?}");
+}

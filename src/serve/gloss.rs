@@ -1,0 +1,147 @@
+//! Reflection towards an eye: the `brdf` of an evaluation, beside its `light`.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+use serde::Deserialize;
+
+use super::Service;
+use super::answer::is_sha256;
+use super::poses::{EvaluateRequest, refused};
+use super::problem::Problem;
+use crate::model::{Model, Signal};
+use crate::pipeline::{self, EvaluateError, GLOSS_LOBES, GLOSS_TERMS, Gloss};
+use crate::sh::Order;
+use crate::shade::{
+    BRDF_WORDS, Brdf, MOST_LOBES, Material, Reflectance, Reflector, ShLight, brdf_of_words, factor,
+};
+
+/// The largest order that operators are made for here: beyond, they are megabytes, and the time to
+/// make one is seconds.
+const MOST_ORDER: u8 = 6;
+
+/// Bytes of an operator of the largest order with all of its terms in three colours, and its header.
+const MOST_OPERATOR_BYTES: u64 = 128 << 20;
+
+/// Exactly one of `form` and `asset`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields, expecting = "an object with `form` or `asset`, and `eye`")]
+pub(super) struct BrdfRequest {
+    /// An isotropic reflectance in words, such as `ggx:0.5,0.3`.
+    form: Option<String>,
+    /// SHA-256 of an uploaded operator.
+    asset: Option<String>,
+    /// Where the eye is, in the root frame, metres.
+    eye: [f32; 3],
+    /// Terms of the operator of a form.
+    terms: Option<usize>,
+    /// Lobes that the light is fitted with.
+    lobes: Option<usize>,
+}
+
+impl EvaluateRequest {
+    /// What the light is reflected by, and towards where.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub(super) fn gloss(
+        &self,
+        service: &Service,
+        id: &str,
+        model: &Model,
+    ) -> Result<Option<(Arc<Gloss>, Vec3)>, Problem> {
+        let Some(brdf) = &self.brdf else { return Ok(None) };
+        let Some(light) = &self.light else {
+            return Err(Problem::field("#/brdf", "it stands beside a `light`, which it reflects"));
+        };
+        if self.parameters.is_some() || self.positions.is_some() {
+            let fault = "it stands beside `poses` or `clip`, which tell where the surface is";
+            return Err(Problem::field("#/brdf", fault));
+        }
+        let eye = Vec3::from(brdf.eye);
+        if !eye.is_finite() {
+            return Err(Problem::field("#/brdf/eye", "it is no place"));
+        }
+        if model.header().signal != Signal::Visibility {
+            let signal = model.header().signal.name();
+            return Err(refused("#/brdf".to_owned(), &EvaluateError::NeedsVisibility { signal }));
+        }
+        let lobes = brdf.lobes.unwrap_or(GLOSS_LOBES);
+        if !(1..=MOST_LOBES).contains(&lobes) {
+            return Err(Problem::field("#/brdf/lobes", format!("there are 1 to {MOST_LOBES}")));
+        }
+        let mut name = light.name();
+        name.extend(format!(" {:?} {:?} {:?} {lobes}", brdf.form, brdf.asset, brdf.terms).bytes());
+        let gloss = service.hot.gloss(id, &name, || {
+            let colours = light.colours(service, model)?;
+            let light = three(model.header().sh_order(), &colours)?;
+            let reflector = brdf.reflector(service, model.header().sh_order())?;
+            Gloss::new(model, &light, reflector, lobes)
+                .map_err(|error| refused("#/brdf".to_owned(), &error))
+        })?;
+        Ok(Some((gloss, eye)))
+    }
+}
+
+/// One colour or three as a light.
+fn three(order: Order, colours: &[Vec<f32>]) -> Result<ShLight, Problem> {
+    let count = order.coefficients();
+    let sound = matches!(colours.len(), 1 | 3) && colours.iter().all(|c| c.len() == count);
+    if !sound || colours.iter().flatten().any(|value| !value.is_finite()) {
+        let fault = format!("it is 1 or 3 colours of {count} finite numbers");
+        return Err(Problem::field("#/light/coefficients", fault));
+    }
+    let colour = |c: usize| colours[c % colours.len()].iter().map(|&x| f64::from(x)).collect();
+    Ok(ShLight::from_coefficients(order, [0, 1, 2].map(colour)))
+}
+
+impl BrdfRequest {
+    fn reflector(&self, service: &Service, order: Order) -> Result<Reflector, Problem> {
+        match (&self.form, &self.asset) {
+            (Some(form), None) => self.of_form(form, order),
+            (None, Some(asset)) => of_asset(service, asset),
+            _ => Err(Problem::field("#/brdf", "give one of `form` and `asset`")),
+        }
+    }
+
+    fn of_form(&self, form: &str, order: Order) -> Result<Reflector, Problem> {
+        let refuse = |told: String| Problem::field("#/brdf/form", told);
+        let brdf: Brdf = match brdf_of_words(form) {
+            Some(read) => read.map_err(|error| refuse(format!("`{form}` {error}")))?,
+            None => return Err(refuse(format!("it is none of {BRDF_WORDS}"))),
+        };
+        let material = Material::from(brdf);
+        if !material.is_isotropic() {
+            return Err(refuse("it needs tangents, which models do not carry".to_owned()));
+        }
+        if order.get() > MOST_ORDER {
+            let fault = format!(
+                "operators of order {} are not made here, up to {MOST_ORDER} they are: upload one",
+                order.get()
+            );
+            return Err(refuse(fault));
+        }
+        let (terms, most) = (self.terms.unwrap_or(GLOSS_TERMS), order.coefficients());
+        if terms == 0 || (self.terms.is_some() && terms > most) {
+            return Err(Problem::field("#/brdf/terms", format!("there are 1 to {most}")));
+        }
+        let factored =
+            factor(&material, order, material.nodes()).map_err(|e| Problem::internal(&e))?;
+        let operators = factored.map(|colour| colour.operator(terms));
+        Ok(Reflector::new(form, &operators, [0.0; 3]))
+    }
+}
+
+/// An operator that was uploaded.
+fn of_asset(service: &Service, asset: &str) -> Result<Reflector, Problem> {
+    let refuse = |told: String| Problem::field("#/brdf/asset", told);
+    let known = if is_sha256(asset) { service.store.asset(asset)? } else { None };
+    let known = known.ok_or_else(|| refuse("it does not name an uploaded asset".to_owned()))?;
+    if known.bytes > MOST_OPERATOR_BYTES {
+        return Err(refuse(format!("it has {} bytes: it is no operator", known.bytes)));
+    }
+    let path = service.store.folder().asset(asset);
+    let bytes = pipeline::files::read(&path, known.bytes);
+    let bytes = bytes.map_err(|error| Problem::internal(&error))?;
+    Reflector::from_bytes(&bytes).map_err(|error| refuse(error.to_string()))
+}
