@@ -185,17 +185,20 @@ fn shadowed(bodies: &[Body], ground: f32, order: Order) -> Vec<Vec<f32>> {
     let gamma = TripleProduct::new(order, order, order);
     let upper = upper_half(order);
     let count = order.coefficients();
+    // What of a body's spheres hide one another in its pose.
+    let overlaps: Vec<f32> = bodies.par_iter().map(|body| shadows.overlap(&body.spheres)).collect();
     let one = |i: usize, body: &Body| -> Vec<f32> {
-        let others: Vec<Sphere> = bodies
+        let others: Vec<(&[Sphere], f32)> = bodies
             .iter()
+            .zip(&overlaps)
             .enumerate()
-            .filter(|(j, _)| *j != i)
-            .flat_map(|(_, other)| other.spheres.iter().copied())
+            .filter(|(j, (other, _))| *j != i && !other.spheres.is_empty())
+            .map(|(_, (other, overlap))| (other.spheres.as_slice(), *overlap))
             .collect();
         let rows = body.visibility.par_chunks_exact(count).zip(&body.mesh.positions);
         let product = |(own, &at): (&[f32], &Vec3)| {
             let (mut cast, mut both) = ([0.0; MAX_COEFFICIENTS], [0.0; MAX_COEFFICIENTS]);
-            shadows.visibility(at, &others, &mut cast);
+            shadows.among_bodies(at, others.iter().copied(), &mut cast);
             gamma.product(own, &cast, &mut both);
             if !body.is_floor && at.y > ground {
                 cast = both;

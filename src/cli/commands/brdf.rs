@@ -47,6 +47,12 @@ pub(in crate::cli) fn brdf(args: &BrdfArgs) -> anyhow::Result<Answer> {
         args.terms,
         args.order
     );
+    let rank = factored[0].rank();
+    if args.terms > rank {
+        let told = format!("the reflectance has {rank} terms at this order; the others would be 0");
+        tracing::warn!("{told}");
+        notices.push(told);
+    }
     let operators = factored.each_ref().map(|colour| colour.operator(args.terms));
     let errors = factored.each_ref().map(|colour| colour.error(args.terms));
     let reflector = Reflector::new(&args.source, &operators, errors);

@@ -9,6 +9,7 @@
 mod carried;
 mod exponential;
 mod logarithm;
+mod overlap;
 
 use glam::Vec3;
 
@@ -97,6 +98,25 @@ impl SphereShadows {
                 log[i] += value * y[i];
             }
         }
+    }
+
+    /// The visibility of a point among bodies, each with the [`SphereShadows::overlap`] of its spheres.
+    ///
+    /// # Panics
+    /// If `out` is shorter than n².
+    pub fn among_bodies<'a>(
+        &self,
+        receiver: Vec3,
+        bodies: impl Iterator<Item = (&'a [Sphere], f32)>,
+        out: &mut [f32],
+    ) {
+        let mut log = [0.0; MAX_COEFFICIENTS];
+        for (spheres, overlap) in bodies {
+            let mut own = [0.0; MAX_COEFFICIENTS];
+            spheres.iter().for_each(|sphere| self.add(receiver, sphere, &mut own));
+            log.iter_mut().zip(own).for_each(|(log, own)| *log += overlap * own);
+        }
+        self.exponential.apply(&log, out);
     }
 
     /// The visibility of a point among spheres: n² coefficients, 1 where nothing blocks.

@@ -124,29 +124,45 @@ fn points_inside_are_dark_and_finite() {
 }
 
 /// A sphere over a floor: where all of it is above the horizon, ambient occlusion is 1 − (r/d)² cos θ
-/// exactly; ours comes nearer as the order rises, within 0.03 at order 6.
+/// exactly. Ours is within 0.03 at order 4, within a hundredth where the sphere fills less than 20°.
 #[test]
 fn a_sphere_over_a_floor_has_its_closed_form() {
     let sphere = Sphere { centre: Vec3::new(0.0, 1.0, 0.0), radius: 0.6 };
-    let mut worst = Vec::new();
-    for bands in [2, 4, 6, 8] {
-        let n = order(bands);
-        let shadows = SphereShadows::new(n);
-        let cosine = zonal::clamped_cosine(n);
-        let mut upright = vec![0.0; n.coefficients()];
-        zonal::rotate_f64(n, &cosine, [0.0, 1.0, 0.0], &mut upright);
-        let mut visible = vec![0.0; n.coefficients()];
-        let mut most = 0.0_f64;
-        for step in 0..12 {
-            let receiver = Vec3::new(0.25 * step as f32, 0.0, 0.1);
-            shadows.visibility(receiver, &[sphere], &mut visible);
-            let sum = visible.iter().zip(&upright);
-            let ao = sum.map(|(v, c)| f64::from(*v) * c).sum::<f64>() / PI;
-            let d = f64::from(sphere.centre.distance(receiver));
-            let expected = 1.0 - (0.6 / d).powi(2) * (1.0 / d);
-            most = most.max((ao - expected).abs());
-        }
-        worst.push(most);
+    let n = order(4);
+    let shadows = SphereShadows::new(n);
+    let mut upright = [0.0; 16];
+    zonal::rotate_f64(n, &zonal::clamped_cosine(n), [0.0, 1.0, 0.0], &mut upright);
+    let mut visible = [0.0; 16];
+    for step in 0..12 {
+        let receiver = Vec3::new(0.25 * step as f32, 0.0, 0.1);
+        shadows.visibility(receiver, &[sphere], &mut visible);
+        let sum = visible.iter().zip(&upright);
+        let ao = sum.map(|(v, c)| f64::from(*v) * c).sum::<f64>() / PI;
+        let d = f64::from(sphere.centre.distance(receiver));
+        let off = (ao - 1.0 + (0.6 / d).powi(2) / d).abs();
+        assert!(off < if 0.6 / d < 0.34 { 0.01 } else { 0.03 }, "{step}: {off}");
     }
-    assert!(worst[1] < worst[0] && worst[2] < 0.5 * worst[0] && worst[2] < 0.03, "{worst:?}");
+}
+
+/// Spheres far apart count in full, many at nearly one place as one; with the factor the exponential of
+/// such a cluster is nearer to its union than without.
+#[test]
+fn overlap_is_counted_once() {
+    let n = order(4);
+    let shadows = SphereShadows::new(n);
+    let sphere = |x: f32, radius: f32| Sphere { centre: Vec3::new(x, 0.0, 0.0), radius };
+    assert_eq!(shadows.overlap(&[sphere(0.0, 1.0)]), 1.0);
+    let apart = [sphere(-3.0, 0.3), sphere(3.0, 0.3)];
+    assert!(shadows.overlap(&apart) > 0.7, "{}", shadows.overlap(&apart));
+    let cluster: Vec<Sphere> = (0..6).map(|i| sphere(0.02 * i as f32, 0.5)).collect();
+    let weight = shadows.overlap(&cluster);
+    assert!((0.1..0.35).contains(&weight), "{weight}");
+    let receiver = Vec3::new(0.3, -1.0, 0.4);
+    let expected = looked(n, receiver, &cluster);
+    let (mut log, mut plain, mut weighed) = ([0.0; 16], [0.0; 16], [0.0; 16]);
+    cluster.iter().for_each(|sphere| shadows.add(receiver, sphere, &mut log));
+    shadows.exponential.apply(&log, &mut plain);
+    shadows.exponential.apply(&log.map(|x| weight * x), &mut weighed);
+    let (with, without) = (distance(&weighed, &expected), distance(&plain, &expected));
+    assert!(with < 0.5 * without, "{with} {without}");
 }

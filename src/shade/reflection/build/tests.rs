@@ -67,6 +67,22 @@ fn a_lambert_operator_is_transfer_where_nothing_occludes() {
     }
 }
 
+/// A reflectance has as many terms as any of its colours, and an operator of more than that has those;
+/// the three colours of one have the same number.
+#[test]
+fn terms_above_the_rank_are_left_out() {
+    let factored = factor(&Brdf::Lambert { albedo: [0.6, 0.0, 0.9] }, order(4), 12).unwrap();
+    assert_eq!(factored.each_ref().map(Factored::rank), [1; 3]);
+    assert_eq!(factored.each_ref().map(|colour| colour.operator(8).terms()), [1; 3]);
+    assert_eq!(factored[0].most_terms(), 16);
+    let mixed = Brdf::Phong { diffuse: [0.5; 3], specular: [0.0, 0.4, 0.0], exponent: 9.0 };
+    let factored = factor(&mixed, order(3), 16).unwrap();
+    let ranks = factored.each_ref().map(Factored::rank);
+    assert!(ranks[0] > 1 && ranks == [ranks[0]; 3], "{ranks:?}");
+    let cut = |colour: usize| factored[colour].error(1) - factored[colour].band_limit();
+    assert!(cut(0) < 1e-9 && cut(1) > 0.05, "{} {}", cut(0), cut(1));
+}
+
 /// Between light and visibility nothing is lost: the radiance is the integral of the light's bands
 /// times the visibility's bands times albedo/π and the cosine, integrated slowly.
 #[test]
