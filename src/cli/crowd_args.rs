@@ -24,7 +24,7 @@ pub(crate) struct CrowdArgs {
     #[arg(long, value_name = "NAME")]
     pub(crate) clip: Option<String>,
     /// Spheres that cast the shadows of one character, 1 to 1000.
-    #[arg(long, value_name = "N", default_value_t = 60)]
+    #[arg(long, value_name = "N", default_value_t = 20)]
     pub(crate) spheres: usize,
     #[arg(long, value_name = "LIGHT", default_value = "cone:0.5,1,0.3,25:6,6,6", help = format!("What shines. {LIGHT_HELP}"))]
     pub(crate) light: String,

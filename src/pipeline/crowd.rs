@@ -74,8 +74,11 @@ pub fn crowd(
     }
     let bounds = bounds(&bodies);
     bodies.push(floor(bounds, settings.floor_vertices, order));
+    let shadows = SphereShadows::new(order);
+    // What of a body's spheres hide one another in its pose.
+    let overlaps: Vec<f32> = bodies.par_iter().map(|body| shadows.overlap(&body.spheres)).collect();
     let start = std::time::Instant::now();
-    let shadowed = shadowed(&bodies, bounds[0].y, order);
+    let shadowed = shadowed(&bodies, (&shadows, &overlaps), bounds[0].y);
     let vertices: usize = bodies.iter().map(|body| body.mesh.positions.len()).sum();
     let vertex_us = start.elapsed().as_secs_f64() * 1e6 / vertices as f64;
     let camera = Camera::around(bounds, settings.view.map(f32::to_radians), settings.size);
@@ -180,17 +183,19 @@ fn floor([low, high]: [Vec3; 2], along: usize, order: Order) -> Body {
 
 /// Every body's visibility among the others: times the exponential of what their spheres block, and
 /// above the floor times the upper half space.
-fn shadowed(bodies: &[Body], ground: f32, order: Order) -> Vec<Vec<f32>> {
-    let shadows = SphereShadows::new(order);
+fn shadowed(
+    bodies: &[Body],
+    (shadows, overlaps): (&SphereShadows, &[f32]),
+    ground: f32,
+) -> Vec<Vec<f32>> {
+    let order = shadows.order();
     let gamma = TripleProduct::new(order, order, order);
     let upper = upper_half(order);
     let count = order.coefficients();
-    // What of a body's spheres hide one another in its pose.
-    let overlaps: Vec<f32> = bodies.par_iter().map(|body| shadows.overlap(&body.spheres)).collect();
     let one = |i: usize, body: &Body| -> Vec<f32> {
         let others: Vec<(&[Sphere], f32)> = bodies
             .iter()
-            .zip(&overlaps)
+            .zip(overlaps)
             .enumerate()
             .filter(|(j, (other, _))| *j != i && !other.spheres.is_empty())
             .map(|(_, (other, overlap))| (other.spheres.as_slice(), *overlap))

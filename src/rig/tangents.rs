@@ -18,7 +18,7 @@ pub use figures::{TangentFigures, coherence, smoothness};
 use principal::longest;
 
 /// Rounds of smoothing over neighbours.
-const ROUNDS: usize = 40;
+const ROUNDS: usize = 100;
 
 /// Unit tangents at rest, in each vertex's own space before deformation.
 #[derive(Debug, Clone, PartialEq)]
@@ -193,8 +193,8 @@ fn smoothed(mesh: &Mesh, rest: &Deformed, guess: &[Vec3]) -> Vec<Vec3> {
                 })
                 .sum();
             let mean = around / neighbours[i].len().max(1) as f32;
-            // A tenth of the first guess, so that the field does not drift away from the limbs.
-            let sum = 0.5 * tangents[i] + 0.4 * mean + 0.1 * first[i];
+            // A little of the first guess, so that the field does not drift away from the limbs.
+            let sum = 0.4 * tangents[i] + 0.6 * mean + 0.02 * first[i];
             sum - normal[i] * sum.dot(normal[i])
         };
         tangents = (0..tangents.len()).map(next).collect();

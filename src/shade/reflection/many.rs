@@ -11,9 +11,6 @@ use crate::shade::ZonalLight;
 /// Points that are shaded together.
 const LANES: usize = 16;
 
-/// Coefficients that are summed side by side.
-const GROUP: usize = 4;
-
 /// A number of each.
 type Lanes = [f32; LANES];
 
@@ -35,8 +32,6 @@ struct Scratch {
     visibility: Vec<Lanes>,
     transfer: Vec<Lanes>,
     strengths: Vec<Lanes>,
-    /// By colour; empty where it is that of the one before.
-    matrices: [Vec<[f32; GROUP]>; 3],
 }
 
 impl Reflector {
@@ -62,11 +57,8 @@ impl Reflector {
             y: lanes(),
             light: [lanes(), lanes(), lanes()],
             visibility: lanes(),
-            transfer: vec![[0.0; LANES]; count.next_multiple_of(GROUP)],
+            transfer: lanes(),
             strengths: vec![[0.0; LANES]; self.header().terms],
-            matrices: [0, 1, 2].map(|colour| {
-                self.channel(colour).map_or(Vec::new(), |(_, matrices)| packed(matrices, count))
-            }),
         };
         for (block, out) in out.chunks_mut(LANES).enumerate() {
             let range = block * LANES..block * LANES + out.len();
@@ -111,15 +103,13 @@ impl Task for Block<'_> {
         evaluate_lanes(order, &axes, &mut scratch.y);
         let mut lit = [[0.0; LANES]; 3];
         for (c, lit) in lit.iter_mut().enumerate() {
-            if let Some((view, _)) = reflector.channel(c) {
+            if let Some((view, matrices)) = reflector.channel(c) {
                 strengths(view, &scratch.y, &mut scratch.strengths);
-                let matrices = std::mem::take(&mut scratch.matrices[c]);
-                transfer(&matrices, scratch);
-                scratch.matrices[c] = matrices;
+                transfer(matrices, scratch);
             }
             for (t, l) in scratch.transfer.iter().zip(&scratch.light[c]) {
-                for ((lit, t), l) in lit.iter_mut().zip(t).zip(l) {
-                    *lit += t * l;
+                for lane in 0..LANES {
+                    lit[lane] += t[lane] * l[lane];
                 }
             }
         }
@@ -159,52 +149,30 @@ fn strengths(view: &[f32], y: &[Lanes], out: &mut [Lanes]) {
     for (out, row) in out.iter_mut().zip(view.chunks_exact(y.len())) {
         let mut sum = [0.0; LANES];
         for (w, y) in row.iter().zip(y) {
-            for (sum, y) in sum.iter_mut().zip(y) {
-                *sum += w * y;
+            for lane in 0..LANES {
+                sum[lane] += w * y[lane];
             }
         }
         *out = sum;
     }
 }
 
-/// The transposed matrices of all terms, `[j][group of i][b][i in the group]`, so that a group's sums run
-/// along memory; entries beyond the last are 0.
-fn packed(matrices: &[f32], count: usize) -> Vec<[f32; GROUP]> {
-    let terms = matrices.len() / (count * count);
-    let mut out = Vec::with_capacity(count * count.div_ceil(GROUP) * terms);
-    for j in 0..count {
-        for first in (0..count).step_by(GROUP) {
-            for matrix in matrices.chunks_exact(count * count) {
-                let entry = |i: usize| if i < count { matrix[j * count + i] } else { 0.0 };
-                out.push(std::array::from_fn(|k| entry(first + k)));
-            }
-        }
-    }
-    out
-}
-
-/// t_i = Σ_j v_j Σ_b s_b M_b,ij.
+/// t_i = Σ_j v_j Σ_b s_b M_b,ij, the matrices transposed.
 #[inline(always)]
-fn transfer(packed: &[[f32; GROUP]], scratch: &mut Scratch) {
-    let groups = scratch.transfer.len() / GROUP;
-    let terms = scratch.strengths.len();
+fn transfer(matrices: &[f32], scratch: &mut Scratch) {
+    let count = scratch.y.len();
     scratch.transfer.fill([0.0; LANES]);
-    for (v, row) in scratch.visibility.iter().zip(packed.chunks_exact(groups * terms)) {
-        let targets = scratch.transfer.chunks_exact_mut(GROUP);
-        for (targets, entries) in targets.zip(row.chunks_exact(terms)) {
-            // Sums that do not wait for one another.
-            let mut sums = [[0.0; LANES]; GROUP];
-            for (m, s) in entries.iter().zip(&scratch.strengths) {
-                for (sum, m) in sums.iter_mut().zip(m) {
-                    for (sum, s) in sum.iter_mut().zip(s) {
-                        *sum += m * s;
-                    }
+    for (j, v) in scratch.visibility.iter().enumerate() {
+        for (i, t) in scratch.transfer.iter_mut().enumerate() {
+            let mut sum = [0.0; LANES];
+            let entries = matrices[j * count + i..].iter().step_by(count * count);
+            for (m, s) in entries.zip(&scratch.strengths) {
+                for lane in 0..LANES {
+                    sum[lane] += m * s[lane];
                 }
             }
-            for (t, sum) in targets.iter_mut().zip(&sums) {
-                for ((t, v), sum) in t.iter_mut().zip(v).zip(sum) {
-                    *t += v * sum;
-                }
+            for lane in 0..LANES {
+                t[lane] += v[lane] * sum[lane];
             }
         }
     }
