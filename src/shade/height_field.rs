@@ -148,7 +148,9 @@ impl HeightField {
             let far = k as f32 * step;
             let (at_x, at_y) = (x + far * cos, y + far * sin);
             steepest = steepest.max((self.at(0, at_x, at_y) - here) / (far * self.cell_m));
-            if at_x < 0.0 || at_y < 0.0 || at_x > width || at_y > height {
+            // Beyond one edge the field still varies along the other.
+            let is_in = |at: f32, side: f32| (0.0..=side).contains(&at);
+            if !is_in(at_x, width) && !is_in(at_y, height) {
                 break;
             }
         }
