@@ -119,18 +119,25 @@ class Client:
                 digest.update(chunk)
             sha256 = digest.hexdigest()
             query = urllib.parse.urlencode({"name": os.path.basename(path)})
-            try:
-                with self._request("HEAD", f"/v1/assets/{sha256}") as response:
-                    known = response.getheader("poselight-kind")
-            except Problem as problem:
-                if problem.status != 404:
-                    raise
-                known = None
+            known = self._kind(sha256)
             if known is None:
                 file.seek(0)
                 size = str(os.fstat(file.fileno()).st_size)
                 self._request("PUT", f"/v1/assets/{sha256}?{query}", file, {"Content-Length": size}).close()
         return sha256
+
+    def _kind(self, sha256: str) -> Optional[str]:
+        """The kind of an asset that the service has."""
+        place = f"/v1/assets/{sha256}"
+        try:
+            with self._request("HEAD", place) as response:
+                return response.getheader("poselight-kind")
+        except Problem as problem:
+            if problem.status == 404:
+                return None
+            # A refusal of `HEAD` has no sentence; that of the first byte has.
+            self._request("GET", place, None, {"Range": "bytes=0-0"}).close()
+            raise
 
     def scene(self, path: str) -> Tuple[Json, str]:
         """Uploads a scene with its files, as one file, a glTF with its buffers and images, or a zip of
@@ -201,18 +208,23 @@ class Client:
         return self._json("POST", f"/v1/jobs/{job}/cancel", {})
 
     def follow(self, job: str, patience_s: float = 600.0) -> Iterator[Any]:
-        """Events of a job to its end, as (kind, data); goes on where a connection was cut."""
-        last, alive = "0", time.monotonic()
+        """Events of a job to its end, as (kind, data); goes on where a connection was cut. However long
+        the job is silent, it gives up only when the service did not answer for `patience_s`."""
+        last = "0"
+        lost: Optional[float] = None
         while True:
             try:
                 with self._request("GET", f"/v1/jobs/{job}/events", None, {"Last-Event-ID": last}) as response:
+                    lost = None
                     for name, event_id, data in _events(response):
-                        last, alive = event_id, time.monotonic()
+                        last = event_id
                         yield name, data
                         if name == "state" and data["state"] in FINAL:
                             return
             except (Problem, OSError, http.client.HTTPException) as error:
-                if not _may_pass(error) or time.monotonic() - alive > patience_s:
+                # From the first attempt in vain: what was heard before it is no part of the outage.
+                lost = time.monotonic() if lost is None else lost
+                if not _may_pass(error) or time.monotonic() - lost > patience_s:
                     raise
             if self._ended(job):
                 return
@@ -345,6 +357,8 @@ def _show_plan(plan: Json) -> None:
     for name, value in plan.items():
         if name.endswith("_bytes"):
             print(f"{name[:-6]}: {value / 2**20:.0f} MiB")
+        elif name.endswith("_per_s"):
+            print(f"{name[:-6]}: about {value / 1e6:.1f} million a second")
         elif name.endswith("_s"):
             print(f"{name[:-2]}: about {value:.0f} s")
     for notice in plan.get("notices", []):

@@ -90,6 +90,33 @@ class Patience(unittest.TestCase):
             last = [headers["Last-Event-ID"] for _, _, path, headers in script.seen if path.endswith("events")]
             self.assertEqual((last[0], last[-1]), ("0", "1"))
 
+    def test_silence_is_no_outage(self):
+        """A job that tells nothing for longer than the patience, and then a cut: it is followed on."""
+        events = [(200, EVENTS + ": alive\n\n", {}), refusal(503, 0), (200, END, {})]
+        with Script({"/v1/jobs/j/events": events, "/v1/jobs/j": [(200, {"state": "running"}, {})]}) as script:
+            # Between two looks passes half a second.
+            told = list(Client(script.url, patience_s=0).follow("j", patience_s=0.3))
+            self.assertEqual([data["state"] for _, data in told], ["running", "succeeded"])
+
+    def test_an_outage_is_not_waited_out_for_ever(self):
+        events = [(200, EVENTS, {}), refusal(503, 0)]
+        with Script({"/v1/jobs/j/events": events, "/v1/jobs/j": [refusal(503, 0)]}) as script:
+            with self.assertRaises(Problem):
+                list(Client(script.url, patience_s=0).follow("j", patience_s=0.3))
+            self.assertEqual(sum(path.endswith("events") for _, _, path, _ in script.seen), 3)
+
+    def test_a_refused_upload_says_why(self):
+        """The service's own sentence, though the first request is one whose answer has no body."""
+        with tempfile.NamedTemporaryFile(suffix=".obj") as file:
+            import hashlib
+            path = "/v1/assets/" + hashlib.sha256(b"").hexdigest()
+            with Script({path: [refusal(401, detail="the token is unknown or has expired")]}) as script:
+                with self.assertRaises(Problem) as caught:
+                    Client(script.url, "psl_0").upload(file.name)
+                self.assertEqual(str(caught.exception), "the token is unknown or has expired")
+                self.assertEqual(caught.exception.status, 401)
+                self.assertNotIn("PUT", [method for _, method, *_ in script.seen])
+
     def test_the_time_that_is_told_is_waited(self):
         with Script({"/v1/jobs/j": [refusal(429, 1), (200, DONE, {})]}) as script:
             self.assertEqual(Client(script.url).job("j"), DONE)
@@ -144,6 +171,21 @@ class CommandLine(unittest.TestCase):
                 self.assertNotIn("Traceback", text)
             self.assertEqual(run("bake", str(scene))[0], 2)
             self.assertEqual(run()[0], 2)
+
+    def test_a_plan_is_in_words(self):
+        plan = {"poses": 2, "points": 3, "rays": 4, "rays_per_s": 675539.0, "bake_s": 12.4, "disk_bytes": 2**20}
+        with tempfile.TemporaryDirectory() as folder:
+            scene = Path(folder) / "a.obj"
+            scene.write_text("v 0 0 0")
+            import hashlib
+            asset = "/v1/assets/" + hashlib.sha256(b"v 0 0 0").hexdigest()
+            known = [(200, "", {"poselight-kind": "scene"})]
+            with Script({asset: known, "/v1/jobs": [(200, plan, {})]}) as script:
+                status, text = run("--server", script.url, "bake", str(scene), "--dry-run")
+            self.assertEqual(status, 0, text)
+            for line in ("bake: about 12 s", "disk: 1 MiB", "rays: about 0.7 million a second"):
+                self.assertIn(line, text.splitlines())
+            self.assertNotIn("rays_per", text)
 
     def test_another_server_is_recognised(self):
         with Script({"/v1/jobs/j/cancel": [(200, "<html>", {})]}) as script:
