@@ -5,11 +5,15 @@ use std::time::Instant;
 
 use super::adaptive::Adaptive;
 use super::kernel::{Scratch, bake_point};
+use super::posed::Posed;
 use super::seen::Sink;
 use super::{BakedPose, Baker, Error, PosedMesh};
 
 /// Bytes that the tracer needs per triangle and per vertex, measured with margin.
 const SCENE_BYTES_PER_TRIANGLE: u64 = 400;
+
+/// A point that takes this many times the median was waited for, not cast: other work had the processor.
+const WAITED: f64 = 4.0;
 
 /// What a short trial says of a machine and a pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,11 +57,22 @@ impl Baker {
     }
 
     /// Bakes as many points of a pose as fit in `budget_s` seconds or so, evenly spread, and says
-    /// how fast that went.
+    /// how fast that went: on threads of its own, and without the times during which other work had
+    /// the processor.
     ///
     /// # Errors
     /// As [`Self::bake`].
     pub fn calibrate(&self, pose: &PosedMesh<'_>, budget_s: f64) -> Result<Calibration, Error> {
+        let threads = rayon::current_num_threads();
+        // Those of the pool may be at work for somebody else, and to wait for them is not to cast.
+        match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
+            Ok(own) => own.install(|| self.trial(pose, budget_s)),
+            Err(_) => self.trial(pose, budget_s),
+        }
+    }
+
+    /// The trial on the threads of the pool that it runs in.
+    fn trial(&self, pose: &PosedMesh<'_>, budget_s: f64) -> Result<Calibration, Error> {
         let start = Instant::now();
         let mut posed = self.prepare(std::slice::from_ref(pose), 0, &AtomicBool::new(false))?;
         let prepare_s = start.elapsed().as_secs_f64();
@@ -66,31 +81,13 @@ impl Baker {
             return Ok(Calibration { rays_per_s: f64::INFINITY, rays_per_point, prepare_s });
         };
         let threads = rayon::current_num_threads();
-        let diffuse_s = self.diffuse_s(pose)?;
-        let prepare_s = prepare_s + diffuse_s * threads as f64;
-        let start = Instant::now();
-        let baked: usize = rayon::broadcast(|context| {
-            let mut scratch = Scratch::new(&self.plan);
-            let mut out = vec![0.0; self.plan.coefficients];
-            let rays = self.plan.directions.directions();
-            let sink = |_: &_| Sink::new(&self.stage, pose.normals, usize::MAX, rays);
-            let mut sink = self.reflectance.as_ref().map(sink);
-            let mut baked = 0;
-            // At least one, however late the thread wakes up.
-            while baked == 0 || start.elapsed().as_secs_f64() < budget_s {
-                // An odd multiplier of the golden ratio visits the mesh evenly.
-                let step = (baked * threads + context.index()) as u64 * 0x9e37_79b9;
-                let point = ((step & 0xffff_ffff) * self.points() as u64) >> 32;
-                let seen = sink.as_mut();
-                bake_point(&self.plan, &posed, point as usize, &mut scratch, seen, &mut out);
-                sink.as_mut().map(Sink::take);
-                baked += 1;
-            }
-            baked
-        })
-        .into_iter()
-        .sum();
-        let rays_per_s = (baked * self.plan.rays()) as f64 / start.elapsed().as_secs_f64();
+        let prepare_s = prepare_s + self.diffuse_s(pose)? * threads as f64;
+        let times = rayon::broadcast(|context| {
+            self.point_times(pose, &posed, (context.index(), threads), budget_s)
+        });
+        let processors = std::thread::available_parallelism().map_or(threads, usize::from);
+        let at_once = threads.min(processors) as f64;
+        let rays_per_s = at_once * self.plan.rays() as f64 / typical(times.concat());
         let rays_per_point = match &self.adaptive {
             Some(adaptive) => adaptive.rays_per_point(&posed)?,
             None => {
@@ -99,6 +96,37 @@ impl Baker {
             }
         };
         Ok(Calibration { rays_per_s, rays_per_point, prepare_s })
+    }
+
+    /// Seconds of each point that one of `threads` threads bakes within its time, at least one.
+    fn point_times(
+        &self,
+        pose: &PosedMesh<'_>,
+        posed: &Posed,
+        (thread, threads): (usize, usize),
+        budget_s: f64,
+    ) -> Vec<f64> {
+        let mut scratch = Scratch::new(&self.plan);
+        let mut out = vec![0.0; self.plan.coefficients];
+        let rays = self.plan.directions.directions();
+        let sink = |_: &_| Sink::new(&self.stage, pose.normals, usize::MAX, rays);
+        let mut sink = self.reflectance.as_ref().map(sink);
+        let mut times = Vec::new();
+        // Of this thread: it may have begun later than others.
+        let begin = Instant::now();
+        let mut last_s = 0.0;
+        while times.is_empty() || last_s < budget_s {
+            // An odd multiplier of the golden ratio visits the mesh evenly.
+            let step = (times.len() * threads + thread) as u64 * 0x9e37_79b9;
+            let point = ((step & 0xffff_ffff) * self.points() as u64) >> 32;
+            let seen = sink.as_mut();
+            bake_point(&self.plan, posed, point as usize, &mut scratch, seen, &mut out);
+            sink.as_mut().map(Sink::take);
+            let now_s = begin.elapsed().as_secs_f64();
+            times.push(now_s - last_s);
+            last_s = now_s;
+        }
+        times
     }
 
     /// How long all threads take to diffuse a pose, seconds.
@@ -112,5 +140,29 @@ impl Baker {
             self.diffused(empty, pose, &AtomicBool::new(false))?;
         }
         Ok(start.elapsed().as_secs_f64())
+    }
+}
+
+/// The mean of some times, at least one, without those that were waited for.
+fn typical(mut times: Vec<f64>) -> f64 {
+    times.sort_unstable_by(f64::total_cmp);
+    // A clock that does not tell two moments apart must not make a point take no time.
+    let most = (WAITED * times[times.len() / 2]).max(times[0]);
+    let usual = &times[..times.partition_point(|&time| time <= most).max(1)];
+    (usual.iter().sum::<f64>() / usual.len() as f64).max(f64::EPSILON)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A few points that were waited for, however long, change nothing; those that differ as points do
+    /// all count.
+    #[test]
+    fn waiting_is_not_casting() {
+        assert_eq!(typical(vec![3.0]), 3.0);
+        assert_eq!(typical(vec![1.0, 2.0, 3.0, 2.0]), 2.0);
+        assert_eq!(typical(vec![1.0, 2.0, 3e7, 3.0, 2.0]), 2.0);
+        assert!(typical(vec![0.0; 5]) > 0.0);
     }
 }

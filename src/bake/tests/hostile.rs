@@ -109,3 +109,34 @@ fn calibration_measures() {
     let trial = nothing.baker(&settings(Signal::Ao, 64)).calibrate(&nothing.posed(0.0), 0.01);
     assert_eq!(trial.unwrap().rays_per_s, f64::INFINITY);
 }
+
+/// A trial beside a pool that is at work for others says what one beside an idle pool says: the time
+/// that the others take is not counted as its own.
+#[test]
+fn calibration_does_not_wait_for_others() {
+    use std::sync::atomic::Ordering;
+    use std::time::{Duration, Instant};
+    let done = AtomicBool::new(false);
+    let (begin, begins) = std::sync::mpsc::channel();
+    let body = Body::sphere(3);
+    let baker = body.baker(&settings(Signal::Ao, 64));
+    let trial = std::thread::scope(|scope| {
+        let done = &done;
+        scope.spawn(move || {
+            rayon::broadcast(|_| {
+                begin.send(()).unwrap();
+                // Held until the trial is over, or for an age of it.
+                let start = Instant::now();
+                while !done.load(Ordering::Relaxed) && start.elapsed() < Duration::from_secs(5) {
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+            });
+        });
+        (0..rayon::current_num_threads()).for_each(|_| begins.recv().unwrap());
+        let trial = baker.calibrate(&body.posed(0.0), 0.01).unwrap();
+        done.store(true, Ordering::Relaxed);
+        trial
+    });
+    // A point of 64 rays in five seconds is 13 rays a second.
+    assert!(trial.rays_per_s > 1000.0 && trial.prepare_s < 4.0, "{trial:?}");
+}
