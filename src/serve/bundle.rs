@@ -25,6 +25,9 @@ use crate::pipeline;
 const END_BYTES: usize = 22;
 const END: &[u8] = b"PK\x05\x06";
 
+/// Entries of an archive: folders, and what its maker keeps beside each file, are some too.
+const MOST_ENTRIES: u64 = 4 * MOST_FILES as u64;
+
 /// One file of an archive.
 struct Part {
     sha256: String,
@@ -87,6 +90,12 @@ fn extract(archive: &Path, folder: &Path, most: u64) -> Result<BTreeMap<String, 
             continue;
         }
         let name = name_of(&entry)?;
+        if is_of_the_finder(&name) {
+            continue;
+        }
+        if parts.len() == MOST_FILES {
+            return Err(bad(format!("it has more than {MOST_FILES} files")));
+        }
         let path = folder.join(&name);
         store::create(path.parent().unwrap_or(folder))?;
         // Fails where the name was there before, as itself or as a folder.
@@ -121,8 +130,8 @@ fn check_end(file: &mut File) -> Result<(), String> {
     let short = |at: usize| u64::from(u16::from_le_bytes([end[at], end[at + 1]]));
     let long = |at: usize| short(at) | short(at + 2) << 16;
     let (entries, listed, start) = (short(10), long(12), long(16));
-    if entries > MOST_FILES as u64 {
-        return Err(format!("it has {entries} entries; at most {MOST_FILES} are read"));
+    if entries > MOST_ENTRIES {
+        return Err(format!("it has {entries} entries; at most {MOST_ENTRIES} are read"));
     }
     match short(4) == 0 && short(8) == entries && start + listed == at {
         true => Ok(()),
@@ -166,6 +175,13 @@ fn copy(from: &mut impl Read, to: &mut File, most: u64) -> Result<Part, Fault> {
         hasher.update(&buffer[..count]);
         to.write_all(&buffer[..count]).map_err(Fault::Write)?;
     }
+}
+
+/// Whether an entry is what the Finder of macOS puts beside a file of the same name: its attributes
+/// (AppleDouble), of the same extension but of another form.
+fn is_of_the_finder(name: &str) -> bool {
+    let file = name.rsplit('/').next().unwrap_or(name);
+    name.starts_with("__MACOSX/") || file.starts_with("._")
 }
 
 fn is_scene(name: &str) -> bool {
@@ -217,6 +233,27 @@ mod tests {
         );
     }
 
+    /// What the Finder of macOS adds to an archive is none of its files, nor one of those that may be
+    /// in it.
+    #[test]
+    fn what_the_finder_adds_is_passed_over() {
+        let double = b"\x00\x05\x16\x07";
+        let bytes = zipped(&[
+            ("hero/hero.gltf", b"{}"),
+            ("__MACOSX/hero/._hero.gltf", double),
+            ("hero/._hero.gltf", double),
+            ("._a.glb", double),
+            ("hero/a._b", b"x"),
+        ]);
+        let files = vec![("hero/a._b".into(), 1), ("hero/hero.gltf".into(), 2)];
+        assert_eq!(unpacked(&bytes, 100), Ok(files));
+        let names: Vec<String> = (0..MOST_FILES).map(|index| format!("{index}")).collect();
+        let doubles: Vec<String> = names.iter().map(|name| format!("__MACOSX/._{name}")).collect();
+        let both = names.iter().chain(&doubles).map(|name| (name.as_str(), &b"x"[..]));
+        let both: Vec<(&str, &[u8])> = both.collect();
+        assert_eq!(unpacked(&zipped(&both), 1000).map(|all| all.len()), Ok(MOST_FILES));
+    }
+
     /// A bomb is cut off at the limit, whether one entry or all together are over it.
     #[test]
     fn bombs_are_cut_off() {
@@ -250,9 +287,15 @@ mod tests {
     /// panic.
     #[test]
     fn nonsense_is_refused() {
-        let names: Vec<String> = (0..=MOST_FILES).map(|index| format!("{index}")).collect();
+        let names: Vec<String> = (0..=MOST_ENTRIES).map(|index| format!("{index}")).collect();
         let many: Vec<(&str, &[u8])> = names.iter().map(|name| (name.as_str(), &b""[..])).collect();
-        assert!(unpacked(&zipped(&many), 100).is_err_and(|detail| detail.contains("entries")));
+        let told = |count: usize| unpacked(&zipped(&many[..count]), 100).expect_err("too many");
+        assert!(told(MOST_ENTRIES as usize + 1).contains("entries"));
+        assert!(told(MOST_FILES + 1).contains("more than 256 files"));
+        assert_eq!(
+            unpacked(&zipped(&many[..MOST_FILES]), 100).map(|all| all.len()),
+            Ok(MOST_FILES)
+        );
         let whole = zipped(&[("a", b"some bytes")]);
         for length in 0..whole.len() {
             assert!(unpacked(&whole[..length], 100).is_err(), "{length}");
