@@ -25,6 +25,8 @@ mod scenes;
 mod slow;
 #[path = "serve/soak.rs"]
 mod soak;
+#[path = "serve/storage.rs"]
+mod storage;
 #[path = "serve/webhooks.rs"]
 mod webhooks;
 
@@ -200,6 +202,8 @@ fn evaluations(server: &Server, model: &str) {
         assert_eq!(answer.json()["type"], "/problems/invalid-json", "{}", answer.text());
     }
     refused(&json!({ "poses": [{}], "parameters": [] }), "#");
+    // Finite, but what comes of it is not.
+    refused(&json!({ "parameters": [vec![0.0; count], vec![-3e38; count]] }), "#/parameters/1");
 }
 
 /// The committed blocks of a data set, each with the time of its making.

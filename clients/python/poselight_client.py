@@ -126,6 +126,10 @@ class Client:
                 self._request("PUT", f"/v1/assets/{sha256}?{query}", file, {"Content-Length": size}).close()
         return sha256
 
+    def forget(self, sha256: str) -> None:
+        """Deletes an asset, which makes room for others; a job that has not ended may not need it."""
+        self._request("DELETE", f"/v1/assets/{sha256}").close()
+
     def _kind(self, sha256: str) -> Optional[str]:
         """The kind of an asset that the service has."""
         place = f"/v1/assets/{sha256}"

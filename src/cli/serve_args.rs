@@ -106,8 +106,11 @@ pub(crate) enum TokenCommand {
     /// Make a token and print it, once; the service keeps only its hash. A running service that had
     /// no token asks for one from its next start on.
     Create {
-        /// Who it is for; an earlier token of this name ends.
+        /// Who it is for.
         name: String,
+        /// End an earlier token of this name, whose users then need the new one.
+        #[arg(long)]
+        replace: bool,
         /// What it allows (may be repeated).
         #[arg(long, value_enum, default_values_t = [Scope::Read, Scope::Write])]
         scope: Vec<Scope>,
@@ -115,7 +118,7 @@ pub(crate) enum TokenCommand {
         #[arg(long, default_value_t = 90, value_parser = clap::value_parser!(u32).range(1..=3650))]
         days: u32,
     },
-    /// Say which tokens there are.
+    /// Say which tokens there are, what they allow, and how long.
     List,
     /// End a token.
     Revoke {

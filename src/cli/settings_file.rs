@@ -27,13 +27,24 @@ pub(super) fn with_file(words: Vec<OsString>) -> anyhow::Result<Vec<OsString>> {
     let settings: BTreeMap<String, Value> =
         serde_json::from_slice(&bytes).with_context(|| path.display().to_string())?;
     let serve_command = command.find_subcommand("serve").context("there is no `serve`")?;
-    let known: Vec<&Arg> = serve_command.get_arguments().collect();
+    let known = settings_of(&command, serve_command);
     let mut out = words[..=serve].to_vec();
     for (name, value) in &settings {
-        out.extend(word(&path, &known, name, value)?);
+        let word = word(&path, &known, name, value)?;
+        // What is typed before `serve` wins over the file as well.
+        let flag = format!("--{name}");
+        let typed = words[1..serve].iter().filter_map(|word| word.to_str());
+        let mut flags = typed.map(|word| word.split('=').next().unwrap_or(word));
+        out.extend(word.filter(|_| !flags.any(|typed| typed == flag)));
     }
     out.extend_from_slice(&words[serve + 1..]);
     Ok(out)
+}
+
+/// What the file may set: the flags of `serve`, and the threads that every command has.
+fn settings_of<'a>(command: &'a Command, serve: &'a Command) -> Vec<&'a Arg> {
+    let threads = command.get_arguments().filter(|arg| arg.get_long() == Some("threads"));
+    serve.get_arguments().chain(threads).collect()
 }
 
 /// Which word is the subcommand: the first that is neither a flag nor a flag's value.
@@ -115,12 +126,13 @@ mod tests {
     fn each_setting_has_three_ways() {
         let command = Cli::command();
         let serve = command.find_subcommand("serve").expect("a command");
-        let known: Vec<&Arg> = serve.get_arguments().collect();
+        let known = settings_of(&command, serve);
+        assert!(known.iter().any(|arg| arg.get_long() == Some("threads")));
         let path = Path::new("settings.json");
         let settings = known
             .iter()
             .filter(|arg| !["config", "check", "help"].contains(&arg.get_id().as_str()));
-        for arg in settings.filter(|arg| !arg.is_global_set()) {
+        for arg in settings {
             let name = arg.get_long().expect("a flag");
             let variable = format!("POSELIGHT_{}", name.replace('-', "_").to_uppercase());
             let own = arg.get_env().and_then(|own| own.to_str()).expect(name);
@@ -141,6 +153,11 @@ mod tests {
             with(r#"{"jobs": 2, "webhook-private": true}"#, &["--jobs", "3"]).expect("read");
         assert_eq!(words[2..4], ["--jobs=2", "--webhook-private"]);
         assert_eq!(words[words.len() - 2..], ["--jobs", "3"]);
+        let words = with(r#"{"threads": 2}"#, &["--threads", "3"]).expect("read");
+        assert_eq!(
+            (words[2].as_str(), &words[words.len() - 2..]),
+            ("--threads=2", &["--threads".to_owned(), "3".to_owned()][..])
+        );
         for bad in [r#"{"job": 2}"#, r#"{"jobs": []}"#, r#"{"config": "x"}"#, "[]", "{"] {
             assert!(with(bad, &[]).is_err(), "{bad}");
         }

@@ -1,7 +1,7 @@
 //! Small things that every handler uses: bodies in, JSON out, work that blocks.
 
 use axum::body::Body;
-use axum::extract::{FromRequestParts, Query};
+use axum::extract::{FromRequestParts, Path, Query};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -9,8 +9,9 @@ use futures_util::StreamExt;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
+use super::held::Held;
 use super::problem::Problem;
-use super::words;
+use super::{Service, words};
 
 /// Runs what blocks away from the threads that answer; what it logs bears its request's id.
 pub(super) async fn blocking<T: Send + 'static>(
@@ -21,8 +22,34 @@ pub(super) async fn blocking<T: Send + 'static>(
     tokio::task::spawn_blocking(work).await.unwrap_or_else(|panic| Err(Problem::internal(&panic)))
 }
 
-/// A body of at most `most` bytes.
-pub(super) async fn bytes(headers: &HeaderMap, body: Body, most: u64) -> Result<Vec<u8>, Problem> {
+/// Bytes of a body that no room is asked for: the many small ones do not wait for the large ones.
+const SMALL: u64 = 64 << 10;
+
+/// A body, with its room among all that are in memory.
+#[derive(Debug)]
+pub(super) struct Text {
+    bytes: Vec<u8>,
+    held: Held,
+}
+
+impl std::ops::Deref for Text {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+/// A body of a document, within its limit.
+///
+/// # Errors
+/// `body-too-large`; `unavailable` where other large ones have the room.
+pub(super) async fn bytes(
+    service: &Service,
+    headers: &HeaderMap,
+    body: Body,
+) -> Result<Text, Problem> {
+    let most = service.settings.limits.body_bytes;
     let too_large = || {
         let detail = format!("the body has more than {most} bytes");
         Problem::new(StatusCode::PAYLOAD_TOO_LARGE, "body-too-large", detail)
@@ -31,16 +58,31 @@ pub(super) async fn bytes(headers: &HeaderMap, body: Body, most: u64) -> Result<
     if content_length(headers).is_some_and(|length| length > most) {
         return Err(too_large());
     }
-    let mut bytes = Vec::new();
+    let mut text = Text { bytes: Vec::new(), held: service.bodies.hold(0)? };
     let mut stream = body.into_data_stream();
     while let Some(chunk) = stream.next().await {
         let chunk = chunk.map_err(|_| broken())?;
-        if (bytes.len() + chunk.len()) as u64 > most {
+        let length = (text.bytes.len() + chunk.len()) as u64;
+        if length > most {
             return Err(too_large());
         }
-        bytes.extend_from_slice(&chunk);
+        if length > SMALL {
+            service.bodies.grow(&mut text.held, length)?;
+        }
+        text.bytes.extend_from_slice(&chunk);
     }
-    Ok(bytes)
+    Ok(text)
+}
+
+/// Reads a body that nobody needs, up to so many bytes.
+pub(super) async fn drain(body: Body, most: u64) {
+    let (mut stream, mut read) = (body.into_data_stream(), 0);
+    while let Some(Ok(chunk)) = stream.next().await {
+        read += chunk.len() as u64;
+        if read > most {
+            return;
+        }
+    }
 }
 
 /// A body that ended before its end.
@@ -94,6 +136,22 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Params<T> {
         let query = Query::from_request_parts(parts, state).await;
         query.map(|Query(params)| Self(params)).map_err(|rejection| {
             let detail = words::of_query(&rejection.body_text());
+            Problem::new(StatusCode::BAD_REQUEST, "bad-request", detail)
+        })
+    }
+}
+
+/// Names that stand in a path; one that is no text is a problem like any other.
+#[derive(Debug)]
+pub(super) struct InPath<T>(pub(super) T);
+
+impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for InPath<T> {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        let names = Path::from_request_parts(parts, state).await;
+        names.map(|Path(names)| Self(names)).map_err(|_| {
+            let detail = "a name in the path is no text: its bytes are no UTF-8";
             Problem::new(StatusCode::BAD_REQUEST, "bad-request", detail)
         })
     }

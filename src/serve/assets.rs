@@ -6,9 +6,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Body;
-use axum::extract::{Path as PathPart, State};
+use axum::extract::State;
 use axum::http::{HeaderMap, Method, StatusCode};
-use axum::response::Response;
+use axum::response::{IntoResponse, Response};
 use futures_util::StreamExt;
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -16,10 +16,10 @@ use sha2::{Digest, Sha256};
 use tokio::io::AsyncWriteExt;
 use tokio::sync::OwnedSemaphorePermit;
 
-use super::answer::{self, Params, blocking, content_length, is_sha256};
+use super::answer::{self, InPath, Params, blocking, content_length, is_sha256};
 use super::problem::Problem;
 use super::room::Place;
-use super::store::{Asset, hexadecimal};
+use super::store::{Asset, Forgotten, hexadecimal};
 use super::{Limits, Service, StoreError, bundle, files, store};
 use crate::pipeline;
 
@@ -43,7 +43,7 @@ const READ_ANYWAY: u64 = 1 << 20;
 
 pub(super) async fn put(
     State(service): State<Arc<Service>>,
-    PathPart(sha256): PathPart<String>,
+    InPath(sha256): InPath<String>,
     Params(query): Params<UploadQuery>,
     headers: HeaderMap,
     body: Body,
@@ -58,7 +58,7 @@ pub(super) async fn put(
     let extension = extension(query.name.as_deref());
     if let Some(asset) = known.filter(|asset| asset.kind != "file" || extension.is_none()) {
         if length.is_some_and(|length| length <= READ_ANYWAY) {
-            drop(answer::bytes(&headers, body, READ_ANYWAY).await);
+            answer::drain(body, READ_ANYWAY).await;
         }
         return again(&service, &asset).await;
     }
@@ -130,7 +130,7 @@ fn parts(service: &Service, path: &Path, incoming: &Path) -> Result<Option<Parts
 
 pub(super) async fn get(
     State(service): State<Arc<Service>>,
-    PathPart(sha256): PathPart<String>,
+    InPath(sha256): InPath<String>,
     method: Method,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
@@ -139,6 +139,23 @@ pub(super) async fn get(
     files::immutable(&path, &sha256, "application/octet-stream", &method, &headers)
         .await
         .map(|response| files::with(response, "poselight-kind", &asset.kind))
+}
+
+pub(super) async fn delete(
+    State(service): State<Arc<Service>>,
+    InPath(sha256): InPath<String>,
+) -> Result<Response, Problem> {
+    if !is_sha256(&sha256) {
+        return Err(Problem::not_found("asset"));
+    }
+    match blocking(move || Ok(service.store.delete_asset(&sha256)?)).await? {
+        Forgotten::Yes => Ok(StatusCode::NO_CONTENT.into_response()),
+        Forgotten::Needed(job) => {
+            let detail = format!("the job {job} needs it and has not ended; cancel it first");
+            Err(Problem::new(StatusCode::CONFLICT, "conflict", detail))
+        }
+        Forgotten::Unknown => Err(Problem::not_found("asset")),
+    }
 }
 
 async fn lookup(service: &Arc<Service>, sha256: &str) -> Result<Option<Asset>, Problem> {

@@ -35,7 +35,7 @@ pub(super) fn wait(
     let (stopper, stopping) = watch::channel(false);
     runtime.block_on(async {
         let mending = async {
-            let mended = mended(settings, stop).await;
+            let mended = mended(settings, fault, stop).await;
             stopper.send_replace(true);
             mended
         };
@@ -45,9 +45,13 @@ pub(super) fn wait(
     })
 }
 
-/// The store as soon as it can be had.
-async fn mended(settings: &Settings, stop: &AtomicBool) -> Result<Option<Store>, Error> {
-    let mut last = Instant::now();
+/// The store as soon as it can be had; why not is told whenever it changes.
+async fn mended(
+    settings: &Settings,
+    fault: &StoreError,
+    stop: &AtomicBool,
+) -> Result<Option<Store>, Error> {
+    let (mut last, mut told) = (Instant::now(), fault.to_string());
     loop {
         tokio::time::sleep(GLANCE).await;
         if stop.load(Ordering::Relaxed) {
@@ -56,9 +60,16 @@ async fn mended(settings: &Settings, stop: &AtomicBool) -> Result<Option<Store>,
         if last.elapsed() < MENDED {
             continue;
         }
-        if let Ok(store) = open(settings)? {
-            tracing::info!("the store is mended");
-            return Ok(Some(store));
+        match open(settings, Store::reopen)? {
+            Ok(store) => {
+                tracing::info!("the store is mended");
+                return Ok(Some(store));
+            }
+            Err(fault) if fault.to_string() != told => {
+                tracing::error!(error = %fault, "not ready");
+                told = fault.to_string();
+            }
+            Err(_) => {}
         }
         last = Instant::now();
     }

@@ -5,7 +5,7 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::extract::{Path, State};
+use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::sse::{Event as Message, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
@@ -13,7 +13,7 @@ use futures_util::stream;
 use tokio::sync::watch;
 
 use super::Service;
-use super::answer::{blocking, text};
+use super::answer::{InPath, blocking, text};
 use super::jobs::find;
 use super::problem::Problem;
 use super::store::{Event, State as JobState};
@@ -80,7 +80,7 @@ fn is_last(event: &Event) -> bool {
 
 pub(super) async fn get(
     State(service): State<Arc<Service>>,
-    Path(id): Path<String>,
+    InPath(id): InPath<String>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let after = match text(&headers, "last-event-id") {

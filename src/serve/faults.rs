@@ -2,9 +2,10 @@
 //! without the names of our own files.
 
 use axum::http::StatusCode;
+use rustix::io::Errno;
 
 use super::assets::bad_asset;
-use super::problem::Problem;
+use super::problem::{Problem, is_full_disk};
 use super::words::in_fields;
 use crate::pipeline::recipe::PosesRecipe;
 use crate::{pipeline, pose};
@@ -45,9 +46,13 @@ pub(super) fn of_pipeline(error: &pipeline::Error) -> Problem {
         pipeline::Error::Surroundings(fault) => {
             Problem::field("#/recipe/bake/surroundings", in_fields(fault))
         }
-        full if is_full(full) => {
+        full if cause(full).is_some_and(is_full_disk) => {
             let detail = "the disk of the service is full";
             Problem::new(StatusCode::INSUFFICIENT_STORAGE, "storage-full", detail)
+        }
+        broken if cause(broken).is_some_and(is_broken_disk) => {
+            tracing::error!(error = %broken, "the disk takes no writes");
+            Problem::no_writes()
         }
         pipeline::Error::Fit(error) => Problem::field("#/recipe/fit", error.to_string()),
         // These name files of ours.
@@ -59,9 +64,49 @@ pub(super) fn of_pipeline(error: &pipeline::Error) -> Problem {
     }
 }
 
-/// Whether a full disk is at the bottom of a fault.
-fn is_full(error: &(dyn std::error::Error + 'static)) -> bool {
-    let cause = error.downcast_ref::<std::io::Error>();
-    cause.is_some_and(|cause| cause.kind() == std::io::ErrorKind::StorageFull)
-        || error.source().is_some_and(is_full)
+/// What the system said, at the bottom of a fault.
+fn cause<'a>(error: &'a (dyn std::error::Error + 'static)) -> Option<&'a std::io::Error> {
+    error.downcast_ref::<std::io::Error>().or_else(|| error.source().and_then(cause))
+}
+
+/// Whether a disk has failed, or does not let itself be written any more.
+fn is_broken_disk(error: &std::io::Error) -> bool {
+    use std::io::ErrorKind::{
+        NotADirectory, PermissionDenied, ReadOnlyFilesystem, StaleNetworkFileHandle,
+    };
+    let kinds = [NotADirectory, PermissionDenied, ReadOnlyFilesystem, StaleNetworkFileHandle];
+    kinds.contains(&error.kind()) || error.raw_os_error() == Some(Errno::IO.raw_os_error())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A disk that is full, one that is broken and a file that is not there are three things, however
+    /// deep they are told.
+    #[test]
+    fn disks_fail_in_their_own_ways() {
+        let problem = |errno: Errno| {
+            let source = std::io::Error::from(errno);
+            let path = std::path::PathBuf::from("c.0");
+            of_pipeline(&pipeline::Error::Dataset(crate::dataset::Error::Io {
+                action: "write",
+                path,
+                source,
+            }))
+        };
+        for (errno, status) in [
+            (Errno::NOSPC, 507),
+            (Errno::DQUOT, 507),
+            (Errno::ROFS, 503),
+            (Errno::IO, 503),
+            (Errno::ACCESS, 503),
+            (Errno::NOTDIR, 503),
+            (Errno::NOENT, 500),
+        ] {
+            let problem = problem(errno);
+            assert_eq!(problem.status.as_u16(), status, "{errno}");
+            assert_eq!(problem.is_for_later(), status == 503);
+        }
+    }
 }

@@ -41,19 +41,26 @@ pub(super) async fn health() -> Response {
     )
 }
 
-/// Ready is who can take a job: the disk takes writes, and the service is not about to end.
+/// Ready is who can take a job: the disk takes writes wherever a job makes them, and the service is not
+/// about to end.
 pub(super) async fn ready(State(service): State<Arc<Service>>) -> Response {
     let stopping = *service.stopping.borrow();
     let look = move || {
         let full = disk::is_full(&service);
         service.store.touch()?;
-        Ok(full)
+        let fault = service.store.folder().probe().err();
+        Ok((full, fault.inspect(|error| tracing::error!(%error, "not ready")).is_some()))
     };
     let (status, state) = match (stopping, blocking(look).await) {
         (true, _) => (StatusCode::SERVICE_UNAVAILABLE, "stopping"),
         (false, Err(_)) => (StatusCode::SERVICE_UNAVAILABLE, "the store takes no writes"),
-        (false, Ok(true)) => (StatusCode::SERVICE_UNAVAILABLE, "the disk has no room for a job"),
-        (false, Ok(false)) => (StatusCode::OK, "ready"),
+        (false, Ok((true, _))) => {
+            (StatusCode::SERVICE_UNAVAILABLE, "the disk has no room for a job")
+        }
+        (false, Ok((_, true))) => {
+            (StatusCode::SERVICE_UNAVAILABLE, "the disk takes no writes; the log says where")
+        }
+        (false, Ok(_)) => (StatusCode::OK, "ready"),
     };
     answer::json(status, &json!({ "status": state }))
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Body;
-use axum::extract::{Extension, Path, State};
+use axum::extract::{Extension, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use tokio::time::{Instant, timeout_at};
 
-use super::answer::{self, Params, blocking, bytes, escaped, text};
+use super::answer::{self, InPath, Params, blocking, bytes, escaped, text};
 use super::assets::turn;
 use super::faults::of_pipeline;
 use super::guard::Client;
@@ -59,11 +59,13 @@ pub(super) async fn submit(
     // is not given up: a job that is accepted is what its client is told.
     let until = Instant::now() + Duration::from_secs(u64::from(limits.request_s));
     let late = |_| Problem::late(limits.request_s);
-    let body = bytes(&headers, body, limits.body_bytes);
+    let body = bytes(&service, &headers, body);
     let body = timeout_at(until, body).await.map_err(late)??;
     let request = JobRequest::read(&body)?;
-    let body_sha256 = hexadecimal(&Sha256::digest(&body));
+    let body_sha256 = hexadecimal(&Sha256::digest(&*body));
     let key = key.map(|(owner, key)| Key { owner, key, body_sha256 });
+    // Not kept while the job waits for its turn.
+    drop(body);
     if !query.dry_run
         && let Some(seen) = seen(&service, key.clone()).await?
     {
@@ -138,12 +140,25 @@ fn dry_run(service: &Service, request: &JobRequest) -> Result<Response, Problem>
     let incoming = service.store.folder().incoming()?;
     request.lay_out(service, incoming.path())?;
     let job = request.open(incoming.path()).map_err(|error| request.refused(&error))?;
-    let plan = pipeline::plan(&job).map_err(|error| of_pipeline(&error))?;
+    let plan = planned(&job).map_err(|error| of_pipeline(&error))?;
     let mut document = plan.document(&job);
     for notice in document["notices"].as_array_mut().into_iter().flatten() {
         *notice = json!(in_fields(notice.as_str().unwrap_or_default()));
     }
     Ok(answer::json(StatusCode::OK, &document))
+}
+
+/// The plan of a job. Its trial gives way to evaluations, as the job would: threads that it starts are
+/// as low as the one that starts them.
+fn planned(job: &pipeline::Job) -> Result<pipeline::Plan, pipeline::Error> {
+    std::thread::scope(|scope| {
+        let plan = || {
+            super::priority::lower_this_thread();
+            pipeline::plan(job)
+        };
+        let planned = scope.spawn(plan).join();
+        planned.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    })
 }
 
 fn accepted(service: &Service, client: &Client, submitted: Submitted) -> Result<Response, Problem> {
@@ -216,8 +231,10 @@ pub(super) fn show(service: &Service, client: &Client, job: &Job) -> Value {
         "hashes": hashes,
         "progress": progress,
         "request": request,
+        "waits_for": null,
     });
     match job.state {
+        JobState::Queued => value["waits_for"] = json!(service.runner.waits_for(&job.id)),
         JobState::Succeeded => value["result"] = parse(&job.result),
         JobState::Failed => value["error"] = parse(&job.error),
         _ => {}
@@ -263,7 +280,7 @@ pub(super) async fn find(service: &Arc<Service>, id: String) -> Result<Job, Prob
 
 pub(super) async fn get(
     State(service): State<Arc<Service>>,
-    Path(id): Path<String>,
+    InPath(id): InPath<String>,
     Extension(client): Extension<Client>,
 ) -> Result<Response, Problem> {
     let job = find(&service, id).await?;
@@ -272,7 +289,7 @@ pub(super) async fn get(
 
 pub(super) async fn cancel(
     State(service): State<Arc<Service>>,
-    Path(id): Path<String>,
+    InPath(id): InPath<String>,
     Extension(client): Extension<Client>,
 ) -> Result<Response, Problem> {
     let worker = Arc::clone(&service);
@@ -292,7 +309,7 @@ pub(super) async fn cancel(
 
 pub(super) async fn delete(
     State(service): State<Arc<Service>>,
-    Path(id): Path<String>,
+    InPath(id): InPath<String>,
 ) -> Result<Response, Problem> {
     match blocking(move || Ok(service.store.delete_job(&id)?)).await? {
         Deleted::Yes => Ok(StatusCode::NO_CONTENT.into_response()),

@@ -19,6 +19,7 @@ mod docs;
 mod evaluate;
 mod events;
 mod faults;
+mod few;
 mod files;
 mod gloss;
 mod grpc;
@@ -27,6 +28,7 @@ mod health;
 mod held;
 mod hot;
 mod jobs;
+mod lights;
 mod memory;
 mod metrics;
 mod models;
@@ -54,7 +56,7 @@ mod words;
 
 use std::collections::BTreeSet;
 use std::net::{SocketAddr, TcpListener};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -64,7 +66,7 @@ use tokio::sync::{Semaphore, watch};
 pub use store::{Error as StoreError, NewToken, Store, Token};
 pub use webhooks::{Authorities, BadAuthorities, BadSecret, Secret};
 
-use held::Answers;
+use held::Shared;
 use hot::Hot;
 use metrics::Metrics;
 use rates::Rates;
@@ -120,8 +122,6 @@ pub struct Limits {
     /// Seconds for a whole request; uploads, downloads and events have no such limit, nor has the
     /// import of a job's scene. Default 60.
     pub request_s: u32,
-    /// Poses of one evaluation. Default 4096.
-    pub poses: u32,
     /// Bytes of one evaluation's values as f32, which are held while the answer is written, part by
     /// part; of all at once four times that. Default 256 MiB.
     pub answer_bytes: u64,
@@ -151,7 +151,6 @@ impl Default for Limits {
             head_s: 10,
             idle_s: 30,
             request_s: 60,
-            poses: 4096,
             answer_bytes: 256 << 20,
             hot_bytes: 1 << 30,
             memory_bytes: None,
@@ -203,7 +202,9 @@ struct Service {
     /// Scenes that are imported at once.
     imports: Arc<Semaphore>,
     /// Values of answers that are on their way.
-    answers: Answers,
+    answers: Shared,
+    /// Bodies that are being dealt with.
+    bodies: Shared,
     /// Bytes of assets that are on their way.
     room: Arc<Room>,
     /// Turns true once, when the service is to end.
@@ -260,7 +261,7 @@ pub fn serve(
         .build()
         .map_err(Error::Threads)?;
     raise_open_files();
-    let first = open(&settings)?;
+    let first = open(&settings, Store::open)?;
     let listener = TcpListener::bind(address).map_err(listen)?;
     listener.set_nonblocking(true).map_err(listen)?;
     ready(listener.local_addr().map_err(listen)?);
@@ -272,6 +273,7 @@ pub fn serve(
         },
     };
     let listener = listener.try_clone().map_err(listen)?;
+    store.listens_at(listener.local_addr().map_err(listen)?)?;
     run(settings, store, listener, &runtime, stop)?;
     runtime.shutdown_timeout(Duration::from_secs(1));
     tracing::info!("stopped");
@@ -279,7 +281,8 @@ pub fn serve(
 }
 
 /// Whether the service would start with these settings: folder, address and all. Nothing is served or
-/// written, and a service that runs is not disturbed: its folder and address count as found.
+/// written, and a service of this folder that runs is not disturbed: its folder and address count as
+/// found.
 ///
 /// # Errors
 /// As [`serve`]; a folder that cannot be written.
@@ -289,16 +292,24 @@ pub fn check(settings: &Settings) -> Result<(), Error> {
     }
     let address = settings.address;
     match TcpListener::bind(address) {
-        Err(source) if source.kind() != std::io::ErrorKind::AddrInUse => {
-            Err(Error::Listen { address, source })
-        }
+        Err(source) if !is_own(settings, &source) => Err(Error::Listen { address, source }),
         _ => Ok(()),
     }
 }
 
+/// Whether an address is taken by the very service that would listen there.
+fn is_own(settings: &Settings, error: &std::io::Error) -> bool {
+    let port = settings.address.port();
+    error.kind() == std::io::ErrorKind::AddrInUse
+        && Store::served_at(&settings.folder).is_some_and(|address| address.port() == port)
+}
+
 /// The store, or why the disk does not let it be opened.
-fn open(settings: &Settings) -> Result<Result<Store, StoreError>, Error> {
-    let store = match Store::open(&settings.folder) {
+fn open(
+    settings: &Settings,
+    how: fn(&Path) -> Result<Store, StoreError>,
+) -> Result<Result<Store, StoreError>, Error> {
+    let store = match how(&settings.folder) {
         Ok(store) => store,
         Err(error) if error.is_of_the_disk() => return Ok(Err(error)),
         Err(error) => return Err(error.into()),
@@ -319,7 +330,8 @@ fn run(
 ) -> Result<(), Error> {
     let (stopper, stopping) = watch::channel(false);
     let guarded = store.has_tokens()?;
-    let answers = Answers::new(settings.limits.answer_bytes);
+    let answers = Shared::answers(settings.limits.answer_bytes);
+    let bodies = Shared::bodies(settings.limits.body_bytes);
     let service = Arc::new(Service {
         hot: Hot::new(settings.limits.hot_bytes),
         settings,
@@ -331,6 +343,7 @@ fn run(
         imports: Arc::new(Semaphore::new(IMPORTS)),
         room: Arc::default(),
         answers,
+        bodies,
         stopping,
         guarded,
     });

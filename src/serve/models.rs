@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use axum::extract::{Path, State};
+use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde_json::{Value, json};
 
-use super::answer::{self, Params, blocking, is_sha256};
+use super::answer::{self, InPath, Params, blocking, is_sha256};
 use super::page::PageQuery;
 use super::poses::needs_scene;
 use super::problem::Problem;
@@ -81,7 +81,7 @@ pub(super) async fn list(
 
 pub(super) async fn get(
     State(service): State<Arc<Service>>,
-    Path(id): Path<String>,
+    InPath(id): InPath<String>,
 ) -> Result<Response, Problem> {
     let stored = find(&service, &id).await?;
     let model = blocking(move || service.hot.model(&service, &id)).await?;
@@ -93,7 +93,7 @@ pub(super) async fn get(
 
 pub(super) async fn blob(
     State(service): State<Arc<Service>>,
-    Path(id): Path<String>,
+    InPath(id): InPath<String>,
     method: Method,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
@@ -107,7 +107,7 @@ pub(super) async fn blob(
 
 pub(super) async fn report(
     State(service): State<Arc<Service>>,
-    Path(id): Path<String>,
+    InPath(id): InPath<String>,
 ) -> Result<Response, Problem> {
     let page = text(&service, &id, pipeline::REPORT).await?;
     let mut response = page.into_response();
@@ -119,7 +119,7 @@ pub(super) async fn report(
 
 pub(super) async fn figures(
     State(service): State<Arc<Service>>,
-    Path(id): Path<String>,
+    InPath(id): InPath<String>,
 ) -> Result<Response, Problem> {
     let figures = text(&service, &id, pipeline::FIGURES).await?;
     Ok(([(header::CONTENT_TYPE, "application/json")], figures).into_response())
@@ -140,7 +140,7 @@ async fn text(service: &Arc<Service>, id: &str, name: &str) -> Result<Vec<u8>, P
 
 pub(super) async fn delete(
     State(service): State<Arc<Service>>,
-    Path(id): Path<String>,
+    InPath(id): InPath<String>,
 ) -> Result<Response, Problem> {
     find(&service, &id).await?;
     let delete = move || {

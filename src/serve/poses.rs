@@ -6,23 +6,30 @@ use std::sync::Arc;
 use glam::{Quat, Vec3};
 use serde::{Deserialize, Deserializer};
 
-use super::Service;
-use super::answer::{escaped, is_sha256};
+use super::answer::{document, escaped};
 use super::gloss::BrdfRequest;
+use super::lights::LightRequest;
 use super::problem::Problem;
 use super::scenes::{self, SceneRequest};
+use super::{Service, few};
 use crate::model::{self, JointPose, JointTransform, Model};
-use crate::pipeline::{self, EvaluateError, Light, Query, Scene};
+use crate::pipeline::{EvaluateError, Light, Query, Scene};
+
+/// Poses of one evaluation.
+pub(super) const MOST_POSES: usize = 4096;
 
 /// A request for values at poses: exactly one of `poses`, `parameters`, `positions` and `clip`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct EvaluateRequest {
     /// Poses by joints and morph weights; what is not named is at rest.
+    #[serde(default, deserialize_with = "few::maybe::<_, _, MOST_POSES>")]
     poses: Option<Vec<PoseRequest>>,
     /// Poses by the model's own parameters.
+    #[serde(default, deserialize_with = "few::maybe::<_, _, MOST_POSES>")]
     pub(super) parameters: Option<Vec<Vec<f32>>>,
     /// Poses by the vertices of the posed mesh, `[vertex, 3]` each.
+    #[serde(default, deserialize_with = "few::maybe::<_, _, MOST_POSES>")]
     pub(super) positions: Option<Vec<Vec<f32>>>,
     /// Poses of a clip of an uploaded scene.
     clip: Option<ClipRequest>,
@@ -94,97 +101,40 @@ struct ClipRequest {
     file: Option<String>,
     name: String,
     /// Seconds on the clip's own clock.
+    #[serde(deserialize_with = "few::list::<_, _, MOST_POSES>")]
     times_s: Vec<f32>,
-}
-
-/// Exactly one of `coefficients`, `asset` and `form`.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields, expecting = "an object with `coefficients`, `asset` or `form`")]
-pub(super) struct LightRequest {
-    /// n² coefficients of incoming radiance in the root frame, for 1 or 3 colours.
-    pub(super) coefficients: Option<Vec<Vec<f32>>>,
-    /// SHA-256 of an uploaded map.
-    pub(super) asset: Option<String>,
-    /// A light in words, such as `cone:0,1,0,20`.
-    pub(super) form: Option<String>,
-    /// The map, or the light in words, is turned so far about +Y.
-    #[serde(default)]
-    pub(super) turn_degrees: f64,
-}
-
-impl LightRequest {
-    /// The light on a model, from the cache where it was met before.
-    pub(super) fn on(
-        &self,
-        service: &Service,
-        id: &str,
-        model: &Model,
-    ) -> Result<Arc<Light>, Problem> {
-        service.hot.light(id, &self.name(), || {
-            let colours = self.colours(service, model)?;
-            let given = self.coefficients.is_some();
-            let pointer = if given { "#/light/coefficients" } else { "#/light" };
-            Light::new(model, colours).map_err(|error| refused(pointer.to_owned(), &error))
-        })
-    }
-
-    /// What tells lights apart.
-    pub(super) fn name(&self) -> Vec<u8> {
-        let mut name = Vec::new();
-        for colour in self.coefficients.iter().flatten() {
-            name.extend_from_slice(&(colour.len() as u64).to_le_bytes());
-            name.extend(colour.iter().flat_map(|value| value.to_le_bytes()));
-        }
-        let turn = self.turn_degrees.to_bits();
-        name.extend(format!("{:?} {:?} {turn}", self.asset, self.form).bytes());
-        name
-    }
-
-    /// The coefficients by colour.
-    pub(super) fn colours(
-        &self,
-        service: &Service,
-        model: &Model,
-    ) -> Result<Vec<Vec<f32>>, Problem> {
-        match (&self.coefficients, &self.asset, &self.form) {
-            (Some(colours), None, None) => Ok(colours.clone()),
-            (None, Some(asset), None) => self.of_map(service, model, asset),
-            (None, None, Some(form)) => self.of_words(model, form),
-            _ => {
-                let fault = "give one of `coefficients`, `asset` and `form`";
-                Err(Problem::field("#/light", fault))
-            }
-        }
-    }
-
-    fn of_words(&self, model: &Model, form: &str) -> Result<Vec<Vec<f32>>, Problem> {
-        pipeline::words_light(model, form, self.turn_degrees)
-            .map_err(|error| Problem::field("#/light/form", error.to_string()))
-    }
-
-    fn of_map(
-        &self,
-        service: &Service,
-        model: &Model,
-        asset: &str,
-    ) -> Result<Vec<Vec<f32>>, Problem> {
-        let known = if is_sha256(asset) { service.store.asset(asset)? } else { None };
-        let Some(known) = known else {
-            return Err(Problem::field("#/light/asset", "it does not name an uploaded asset"));
-        };
-        let path = service.store.folder().asset(asset);
-        let bytes = pipeline::files::read(&path, known.bytes);
-        let bytes = bytes.map_err(|error| Problem::internal(&error))?;
-        let refuse = |error: &dyn std::fmt::Display| Problem::field("#/light", error.to_string());
-        pipeline::map_light(model, &bytes, "the map", self.turn_degrees)
-            .map_err(|error| refuse(&error))
-    }
 }
 
 /// What a request that says too little or too much is told.
 const ONE_OF: &str = "give one of `poses`, `parameters`, `positions` and `clip`";
 
 impl EvaluateRequest {
+    /// Reads a request; poses that are too many are not read to their end.
+    ///
+    /// # Errors
+    /// The first field at fault.
+    pub(super) fn read(body: &[u8]) -> Result<Self, Problem> {
+        document(body).map_err(|problem: Problem| match problem.fault() {
+            Some((pointer, fault)) if few::is_too_many(fault) => {
+                let refused = Problem::field(pointer, fault);
+                let of_poses = !pointer.starts_with("#/light");
+                if of_poses { refused.limit("poses", MOST_POSES as u64) } else { refused }
+            }
+            _ => problem,
+        })
+    }
+
+    /// Where one of the poses stands.
+    pub(super) fn place(&self, index: usize) -> String {
+        let list = match (&self.poses, &self.parameters, &self.positions) {
+            (Some(_), ..) => "poses",
+            (_, Some(_), _) => "parameters",
+            (.., Some(_)) => "positions",
+            _ => "clip/times_s",
+        };
+        format!("#/{list}/{index}")
+    }
+
     /// The poses as the model takes them.
     ///
     /// # Errors
@@ -195,14 +145,8 @@ impl EvaluateRequest {
         id: &str,
         model: &Model,
     ) -> Result<Vec<Query>, Problem> {
-        let most = service.settings.limits.poses;
-        let many = |pointer: &str, found: usize| match found {
+        let some = |pointer: &str, found: usize| match found {
             0 => Err(Problem::field(pointer, "at least one pose is needed")),
-            found if found > most as usize => Err(Problem::field(
-                pointer,
-                format!("{found} poses; at most {most} are evaluated at once"),
-            )
-            .limit("poses", u64::from(most))),
             _ => Ok(()),
         };
         if self.scene.is_some() && self.poses.is_none() && self.positions.is_none() {
@@ -211,7 +155,7 @@ impl EvaluateRequest {
         let at = |list: &str, index: usize| format!("#/{list}/{index}");
         match (&self.poses, &self.parameters, &self.positions, &self.clip) {
             (Some(poses), None, None, None) => {
-                many("#/poses", poses.len())?;
+                some("#/poses", poses.len())?;
                 let scene = self.scene(service, id, model)?;
                 let query = |(index, pose): (usize, &PoseRequest)| {
                     let query = pose.query(model, scene.as_deref());
@@ -221,7 +165,7 @@ impl EvaluateRequest {
                 poses.iter().enumerate().map(query).collect()
             }
             (None, None, Some(meshes), None) => {
-                many("#/positions", meshes.len())?;
+                some("#/positions", meshes.len())?;
                 let scene = self.scene(service, id, model)?;
                 let query = |(index, mesh): (usize, &Vec<f32>)| {
                     let query = of_positions(model, scene.as_deref(), mesh);
@@ -230,7 +174,7 @@ impl EvaluateRequest {
                 meshes.iter().enumerate().map(query).collect()
             }
             (None, Some(rows), None, None) => {
-                many("#/parameters", rows.len())?;
+                some("#/parameters", rows.len())?;
                 let query = |(index, row): (usize, &Vec<f32>)| {
                     let query = Query::from_parameters(model, row);
                     query.map_err(|error| refused(at("parameters", index), &error))
@@ -238,7 +182,7 @@ impl EvaluateRequest {
                 rows.iter().enumerate().map(query).collect()
             }
             (None, None, None, Some(clip)) => {
-                many("#/clip/times_s", clip.times_s.len())?;
+                some("#/clip/times_s", clip.times_s.len())?;
                 let (queries, scene) = clip.queries(service, id, model)?;
                 let posed = |query| self.posed(query, model, Some(scene.as_ref()));
                 let queries: Result<_, _> = queries.into_iter().map(posed).collect();

@@ -1,6 +1,8 @@
 //! A request on its way to being a job: what stops it from starting is told now, and what it lacks
 //! is filled in.
 
+use std::path::Path;
+
 use axum::http::StatusCode;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
@@ -78,11 +80,7 @@ pub(super) fn prepare(
 }
 
 /// A job on a scene: imported now, so that a fault is told now.
-fn of_scene(
-    service: &Service,
-    request: &JobRequest,
-    folder: &std::path::Path,
-) -> Result<Named, Problem> {
+fn of_scene(service: &Service, request: &JobRequest, folder: &Path) -> Result<Named, Problem> {
     request.lay_out(service, folder)?;
     let job = request.open(folder).map_err(|error| request.refused(&error))?;
     let memory_bytes = pipeline::memory_bytes(&job).map_err(|error| of_pipeline(&error))?;
@@ -184,14 +182,25 @@ fn check_memory(service: &Service, bytes: u64) -> Result<(), Problem> {
 
 /// The finished job whose result this one would have.
 fn earlier(service: &Service, kind: Kind, named: &Named) -> Result<Option<Job>, Problem> {
-    let earlier = service.store.succeeded(kind.name(), &named.key)?;
+    let Some(earlier) = service.store.succeeded(kind.name(), &named.key)? else { return Ok(None) };
+    let folder = service.store.folder();
+    // Models are deleted, and files may be lost.
     let there = match kind {
-        // A model may have been deleted since.
-        kind if kind.makes_model() => service.store.model(&named.key)?.is_some(),
-        Kind::Bake => service.store.folder().work(&named.bake).join(pipeline::DATASET).exists(),
-        _ => true,
+        kind if kind.makes_model() => {
+            let is_known = service.store.model(&named.key)?.is_some();
+            is_known && folder.model(&named.key).join(pipeline::MODEL).is_file()
+        }
+        Kind::Bake => folder.work(&named.bake).join(pipeline::DATASET).exists(),
+        _ => has_files(&folder.results(&earlier.id), earlier.result.as_deref()),
     };
-    Ok(earlier.filter(|_| there))
+    Ok(Some(earlier).filter(|_| there))
+}
+
+/// Whether a folder has every file that a result names.
+fn has_files(folder: &Path, result: Option<&str>) -> bool {
+    let result: Value = serde_json::from_str(result.unwrap_or_default()).unwrap_or_default();
+    let mut names = result["files"].as_object().into_iter().flat_map(serde_json::Map::keys);
+    names.all(|name| folder.join(name).is_file())
 }
 
 /// The result of an earlier job as that of a new one, with its files.
@@ -216,4 +225,23 @@ pub(super) fn files(service: &Service, id: &str) -> Result<Value, Problem> {
     let names = store::list(&service.store.folder().results(id))?;
     let names = names.iter().filter_map(|path| path.file_name()?.to_str());
     Ok(names.map(|name| (name.to_owned(), json!(format!("/v1/jobs/{id}/files/{name}")))).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A result counts as long as each of its files is there.
+    #[test]
+    fn a_result_without_its_files_is_none() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let result = json!({ "files": { "a.json": "/a", "b.html": "/b" } }).to_string();
+        let is_there = || has_files(folder.path(), Some(&result));
+        assert!(!is_there());
+        std::fs::write(folder.path().join("a.json"), b"{}").expect("written");
+        assert!(!is_there());
+        std::fs::write(folder.path().join("b.html"), b"").expect("written");
+        assert!(is_there());
+        assert!(has_files(folder.path(), None) && has_files(folder.path(), Some("{}")));
+    }
 }

@@ -1,6 +1,8 @@
 //! What a client is told when something is wrong: RFC 9457, with the field that is at fault and
 //! the limit that was hit.
 
+use std::io::ErrorKind;
+
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde_json::{Value, json};
@@ -90,6 +92,18 @@ impl Problem {
         Self::new(StatusCode::INTERNAL_SERVER_ERROR, "internal", detail)
     }
 
+    /// 503 of a disk that takes no writes.
+    pub(super) fn no_writes() -> Self {
+        let detail = "the disk of the service takes no writes; whoever runs it must mend that, and its \
+                      log says what is wrong";
+        Self::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", detail).retry_after(30)
+    }
+
+    /// Whether it is none of the request's fault and may pass.
+    pub(super) fn is_for_later(&self) -> bool {
+        self.kind == "unavailable"
+    }
+
     /// 503 of a request that took too long.
     pub(super) fn late(seconds: u32) -> Self {
         let detail = format!("there was no answer within {seconds} s");
@@ -120,6 +134,11 @@ impl Problem {
     /// The sentence.
     pub(super) fn detail(&self) -> &str {
         &self.detail
+    }
+
+    /// The first field that is at fault, with its fault.
+    pub(super) fn fault(&self) -> Option<(&str, &str)> {
+        self.errors.first().map(|(pointer, fault)| (pointer.as_str(), fault.as_str()))
     }
 
     /// Whether a limit was hit.
@@ -170,14 +189,23 @@ impl From<StoreError> for Problem {
             let detail = "the disk of the service is full; delete jobs or models, or come again";
             return Self::new(StatusCode::INSUFFICIENT_STORAGE, "storage-full", detail);
         }
+        if error.takes_no_writes() {
+            tracing::error!(%error, "the disk takes no writes");
+            return Self::no_writes();
+        }
         Self::internal(&error)
     }
+}
+
+/// Whether the disk, or what one may have of it, is full.
+pub(super) fn is_full_disk(error: &std::io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded)
 }
 
 /// Whether a full disk or database is the reason.
 fn is_full(error: &StoreError) -> bool {
     match error {
-        StoreError::Io { source, .. } => source.kind() == std::io::ErrorKind::StorageFull,
+        StoreError::Io { source, .. } => is_full_disk(source),
         StoreError::Sql(rusqlite::Error::SqliteFailure(cause, _)) => {
             cause.code == rusqlite::ErrorCode::DiskFull
         }

@@ -3,12 +3,12 @@
 
 use std::sync::Arc;
 
-use axum::extract::{Path, State};
+use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde_json::json;
 
-use super::answer::{self, blocking};
+use super::answer::{self, InPath, blocking};
 use super::jobs::find;
 use super::models::REPORT_POLICY;
 use super::problem::Problem;
@@ -16,7 +16,7 @@ use super::{Service, StoreError};
 
 pub(super) async fn log(
     State(service): State<Arc<Service>>,
-    Path(id): Path<String>,
+    InPath(id): InPath<String>,
 ) -> Result<Response, Problem> {
     let job = find(&service, id).await?;
     let lines = blocking(move || Ok(service.store.log_of(job.seq)?)).await?;
@@ -27,7 +27,7 @@ pub(super) async fn log(
 
 pub(super) async fn file(
     State(service): State<Arc<Service>>,
-    Path((id, name)): Path<(String, String)>,
+    InPath((id, name)): InPath<(String, String)>,
 ) -> Result<Response, Problem> {
     let job = find(&service, id).await?;
     let kind = kind(&name).ok_or_else(|| Problem::not_found("file of this job"))?;

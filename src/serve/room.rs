@@ -105,7 +105,9 @@ impl Drop for Place {
 }
 
 fn full(most: u64) -> Problem {
-    let detail = "all assets together would be over the limit";
+    let detail = "all assets together would be over the limit; delete some that are not needed any more \
+                  (`DELETE /v1/assets/{sha256}`), or let whoever runs the service raise it \
+                  (`--max-assets-gib`) or have unused ones forgotten (`--keep-days`)";
     Problem::new(StatusCode::INSUFFICIENT_STORAGE, "storage-full", detail)
         .limit("assets_bytes", most)
 }

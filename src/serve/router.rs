@@ -14,7 +14,7 @@ use super::{Service, assets, docs, evaluate, events, grpc, guard, health, jobs, 
 /// Every path of the service. Called within a runtime.
 pub(super) fn router(service: &Arc<Service>) -> Router {
     let router = Router::new()
-        .route("/v1/assets/{sha256}", put(assets::put).get(assets::get))
+        .route("/v1/assets/{sha256}", put(assets::put).get(assets::get).delete(assets::delete))
         .route("/v1/jobs", post(jobs::submit).get(jobs::list))
         .route("/v1/jobs/{id}", get(jobs::get).delete(jobs::delete))
         .route("/v1/jobs/{id}/cancel", post(jobs::cancel))

@@ -10,23 +10,41 @@ use serde_json::json;
 use super::problem::Problem;
 use super::recorder::{Recorder, log};
 use super::stages::{self, Failure};
-use super::store::{Done, Job, Level, NewModel, State};
+use super::store::{Claim, Done, Job, Level, NewModel, State};
 use super::{Service, StoreError, memory, priority};
 
 /// Between two looks for work that nobody announced.
 const LOOK: Duration = Duration::from_secs(1);
+
+/// Jobs that pass one that waits for memory, at most: after them room is made for it.
+const MOST_PASSED: u32 = 8;
+
+/// Attempts at a job that a disk refuses which takes what others write.
+const MOST_REFUSED: i64 = 3;
 
 /// Which jobs run in this process.
 #[derive(Debug, Default)]
 pub(super) struct Runner {
     active: Mutex<Active>,
     bell: Condvar,
+    /// Whether the disk has refused what a job wrote, and has not been tried since.
+    refused: AtomicBool,
 }
 
 #[derive(Debug, Default)]
 struct Active {
     stopping: bool,
     jobs: BTreeMap<String, Work>,
+    short: Option<Short>,
+}
+
+/// The first job in the queue, where it waits for memory.
+#[derive(Debug)]
+struct Short {
+    seq: i64,
+    id: String,
+    /// Jobs that began in its stead.
+    passed: u32,
 }
 
 /// One job at work.
@@ -93,6 +111,14 @@ impl Runner {
         self.lock().jobs.get(job).map(|work| work.pulse.silent().as_secs())
     }
 
+    /// What a job that is queued waits for, if not for others before it.
+    pub(super) fn waits_for(&self, job: &str) -> Option<&'static str> {
+        if self.refused.load(Ordering::Relaxed) {
+            return Some("storage");
+        }
+        self.lock().short.as_ref().filter(|short| short.id == job).map(|_| "memory")
+    }
+
     fn is_stopping(&self) -> bool {
         self.lock().stopping
     }
@@ -108,8 +134,7 @@ pub(super) fn work(service: &Arc<Service>) {
         let most = service.settings.limits.running_jobs as usize;
         let mut active = service.runner.lock();
         while !active.stopping {
-            let reserved = active.jobs.values().map(|work| work.memory_bytes).sum();
-            let claimed = if active.jobs.len() < most { claim(service, reserved) } else { None };
+            let claimed = if active.jobs.len() < most { claim(service, &mut active) } else { None };
             let Some(job) = claimed else {
                 let waited = service.runner.bell.wait_timeout(active, LOOK);
                 active = waited.unwrap_or_else(PoisonError::into_inner).0;
@@ -133,12 +158,56 @@ pub(super) fn work(service: &Arc<Service>) {
     });
 }
 
-fn claim(service: &Service, reserved: u64) -> Option<Job> {
+/// The next job, where the disk takes what it will write.
+fn claim(service: &Service, active: &mut Active) -> Option<Job> {
+    if service.runner.refused.load(Ordering::Relaxed) {
+        if let Err(error) = service.store.folder().probe() {
+            tracing::warn!(%error, "jobs wait for the disk");
+            return None;
+        }
+        service.runner.refused.store(false, Ordering::Relaxed);
+    }
+    let reserved = active.jobs.values().map(|work| work.memory_bytes).sum();
     let free = memory::free(&service.settings.limits, reserved);
-    service.store.claim(free).unwrap_or_else(|error| {
+    let claimed = service.store.claim(free, |first| active.may_pass(first));
+    let Claim { job, waits } = claimed.unwrap_or_else(|error| {
         tracing::error!(%error, "cannot take a job");
-        None
-    })
+        Claim::default()
+    });
+    if let Some(waits) = active.note(job.as_ref(), waits) {
+        let (needs, free) = (waits.memory_bytes >> 20, free >> 20);
+        let text = format!("waits for memory: it needs about {needs} MiB, {free} MiB are free");
+        log(service, &waits, Level::Info, &text);
+    }
+    job
+}
+
+impl Active {
+    /// Whether others may begin before the first in the queue, which waits for memory. Where nothing of
+    /// ours runs it is others on this machine who have the memory: to hold back ours gains nothing.
+    fn may_pass(&self, first: i64) -> bool {
+        let passed = self.short.as_ref().filter(|short| short.seq == first);
+        self.jobs.is_empty() || passed.is_none_or(|short| short.passed < MOST_PASSED)
+    }
+
+    /// Takes note of what was claimed and of what waits; gives back the latter where it is news.
+    fn note(&mut self, claimed: Option<&Job>, waits: Option<Job>) -> Option<Job> {
+        let Some(waits) = waits else {
+            // One of a higher priority may have come before it.
+            let over = claimed
+                .is_none_or(|job| self.short.as_ref().is_some_and(|short| short.seq == job.seq));
+            self.short.take_if(|_| over);
+            return None;
+        };
+        let known = self.short.as_ref().is_some_and(|short| short.seq == waits.seq);
+        if !known {
+            self.short = Some(Short { seq: waits.seq, id: waits.id.clone(), passed: 0 });
+        }
+        if let (Some(short), Some(_)) = (&mut self.short, claimed) {
+            short.passed += 1;
+        }
+        (!known).then_some(waits)
+    }
 }
 
 /// Says so where a job has been silent for too long; it is left to go on.
@@ -173,6 +242,7 @@ fn one(service: &Service, job: &Job, brake: &AtomicBool, pulse: &Pulse) {
         let text = text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("a panic");
         Err(Failure::Problem(Problem::internal(&text)))
     });
+    let outcome = put_off(service, job, outcome);
     // A disk that is full now may have room later; until then the job stays as running, and is
     // taken up again at the next start.
     while let Err(error) = end(service, job, &outcome) {
@@ -181,6 +251,26 @@ fn one(service: &Service, job: &Job, brake: &AtomicBool, pulse: &Pulse) {
             return;
         }
         std::thread::sleep(LOOK);
+    }
+}
+
+/// A job that the disk has refused is none that has failed: it waits until the disk takes writes. One
+/// that is refused alone, while others could write, is tried a few times.
+fn put_off(
+    service: &Service,
+    job: &Job,
+    outcome: Result<stages::Made, Failure>,
+) -> Result<stages::Made, Failure> {
+    match outcome {
+        Err(Failure::Problem(problem)) if problem.is_for_later() => {
+            let alone = service.store.folder().probe().is_ok();
+            if alone && job.attempts >= MOST_REFUSED {
+                return Err(Failure::Problem(problem));
+            }
+            service.runner.refused.store(true, Ordering::Relaxed);
+            Err(Failure::Refused { counts: alone })
+        }
+        other => other,
     }
 }
 
@@ -202,7 +292,11 @@ fn end(
             service.store.finish(job, &end)?;
             (State::Succeeded, String::new())
         }
-        Err(Failure::Stopped) => (stopped(service, job)?, String::new()),
+        Err(Failure::Stopped) => (stopped(service, job, false)?, String::new()),
+        Err(Failure::Refused { counts }) => {
+            let state = stopped(service, job, *counts)?;
+            (state, ": the disk takes no writes; it begins again when it does".to_owned())
+        }
         Err(Failure::Problem(problem)) => {
             let error = problem.json().to_string();
             let failed = Some(error.as_str());
@@ -211,20 +305,24 @@ fn end(
             (State::Failed, format!(": {}", problem.detail()))
         }
     };
-    let level = if state == State::Failed { Level::Error } else { Level::Info };
+    let level = match outcome {
+        Err(Failure::Refused { .. }) => Level::Warning,
+        _ if state == State::Failed => Level::Error,
+        _ => Level::Info,
+    };
     log(service, job, level, &format!("{}{text}", state.name()));
     Ok(())
 }
 
-/// A job that was stopped was cancelled, or waits for the service's next start.
-fn stopped(service: &Service, job: &Job) -> Result<State, StoreError> {
+/// A job that was stopped was cancelled, or waits for the service's next start, or for its disk.
+fn stopped(service: &Service, job: &Job, counts: bool) -> Result<State, StoreError> {
     let state = service.store.job(&job.id)?.map(|job| job.state);
     if state == Some(State::Cancelling) {
         let end = Done { state: State::Cancelled, result: None, error: None, model: None };
         service.store.finish(job, &end)?;
         return Ok(State::Cancelled);
     }
-    service.store.put_back(job.seq)?;
+    service.store.put_back(job.seq, counts)?;
     Ok(State::Queued)
 }
 
@@ -240,5 +338,59 @@ mod tests {
         assert!(pulse.stalls(Duration::ZERO) && !pulse.stalls(Duration::ZERO));
         assert!(pulse.beat() && !pulse.beat());
         assert!(pulse.stalls(Duration::ZERO));
+    }
+
+    fn job(seq: i64) -> Job {
+        Job {
+            seq,
+            id: seq.to_string(),
+            kind: "run".to_owned(),
+            state: State::Queued,
+            priority: 0,
+            request: "{}".to_owned(),
+            bake: String::new(),
+            key: String::new(),
+            memory_bytes: 1,
+            cached: false,
+            attempts: 0,
+            created_ms: 0,
+            started_ms: None,
+            finished_ms: None,
+            progress: None,
+            result: None,
+            error: None,
+        }
+    }
+
+    fn work() -> Work {
+        let (brake, pulse) = (Arc::new(AtomicBool::new(false)), Arc::new(Pulse::new()));
+        Work { seq: 1, memory_bytes: 1, brake, pulse }
+    }
+
+    /// Who waits for memory is told of once, is passed so often and no more, even where one of a
+    /// higher priority comes between, and is forgotten when it begins or is gone. Where nothing of
+    /// ours runs it holds nobody back.
+    #[test]
+    fn none_is_passed_for_ever() {
+        let mut active = Active::default();
+        active.jobs.insert("1".to_owned(), work());
+        let (large, small) = (job(2), job(3));
+        assert!(active.may_pass(2));
+        assert_eq!(active.note(Some(&small), Some(large.clone())).map(|job| job.seq), Some(2));
+        for passed in 1..MOST_PASSED {
+            assert!(active.may_pass(2), "{passed}");
+            assert_eq!(active.note(Some(&small), Some(large.clone())), None, "told twice");
+        }
+        assert!(!active.may_pass(2) && active.may_pass(4));
+        assert_eq!(active.note(Some(&job(9)), None), None);
+        assert!(!active.may_pass(2), "it is passed anew after one of a higher priority");
+        let running = std::mem::take(&mut active.jobs);
+        assert!(active.may_pass(2), "it waits for others on this machine");
+        active.jobs = running;
+        assert_eq!(active.note(Some(&large), None), None);
+        assert!(active.short.is_none(), "it has begun");
+        active.note(None, Some(large));
+        active.note(None, None);
+        assert!(active.short.is_none(), "it is gone");
     }
 }

@@ -28,6 +28,10 @@ const MOST_MODEL_BYTES: u64 = 4 << 30;
 /// Why a job did not come to its end.
 pub(super) enum Failure {
     Stopped,
+    /// By a disk that takes no writes; whether the attempt counts.
+    Refused {
+        counts: bool,
+    },
     Problem(Problem),
 }
 

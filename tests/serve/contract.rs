@@ -230,6 +230,7 @@ fn spoiled_requests_never_make_it_fail() {
         "0".repeat(32),
         server.figure(),
         "%00".into(),
+        "%ff".into(),
         "..".into(),
         "%2e%2e%2f".into(),
         "a".repeat(3000),
@@ -260,6 +261,10 @@ fn spoiled_requests_never_make_it_fail() {
                         path +=
                             &format!("{mark}{}={value}", parameter["name"].as_str().unwrap_or("x"));
                     }
+                }
+                // It is what sound requests name.
+                if method == "delete" && path.contains(&server.figure()) {
+                    continue;
                 }
                 let mut body =
                     operation["requestBody"]["content"]["application/json"]["example"].clone();

@@ -156,6 +156,42 @@ fn absurd_documents_are_refused() {
     assert_eq!(server.get("/health", &[]).status, 200);
 }
 
+/// The most memory that the service has had at once, bytes.
+fn peak(server: &Server) -> u64 {
+    let status = fs::read_to_string(format!("/proc/{}/status", server.id())).expect("a process");
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).expect("a peak");
+    line.trim().trim_end_matches(" kB").parse::<u64>().expect("a number") << 10
+}
+
+/// A body of millions of poses is refused with its limit, and takes little more memory than its text;
+/// so does one of too many colours.
+#[test]
+fn long_lists_are_not_read_to_their_end() {
+    let server = Server::start(&[]);
+    let path = format!("/v1/models/{}/evaluate", "0".repeat(64));
+    let before = peak(&server);
+    let many = vec!["{}"; 5_500_000].join(",");
+    for list in ["poses", "parameters", "positions"] {
+        let many = if list == "poses" { many.clone() } else { many.replace("{}", "[]") };
+        let body = format!(r#"{{"{list}":[{many}]}}"#);
+        let answer = server.send("POST", &path, body.as_bytes(), &[]);
+        assert_eq!(answer.status, 422, "{}", answer.text());
+        let told = answer.json();
+        assert_eq!(told["limit"], json!({ "name": "poses", "most": 4096 }), "{told}");
+        assert_eq!(told["errors"][0]["pointer"], format!("#/{list}"), "{told}");
+    }
+    let colours = many.replace("{}", "[]");
+    let body = format!(r#"{{"poses":[{{}}],"light":{{"coefficients":[{colours}]}}}}"#);
+    let answer = server.send("POST", &path, body.as_bytes(), &[]);
+    assert_eq!(answer.json()["errors"][0]["pointer"], "#/light/coefficients", "{}", answer.text());
+    // The text itself, with room to grow.
+    let more = peak(&server).saturating_sub(before);
+    assert!(more < 120 << 20, "{} MiB for a body of 16", more >> 20);
+    let times = json!({ "clip": { "name": "a", "times_s": vec![0; 4097] } });
+    let answer = server.post(&path, &times, &[]);
+    assert_eq!(answer.json()["limit"]["name"], "poses", "{}", answer.text());
+}
+
 /// With a database that is no database the service lives, is not ready, and begins when the
 /// database is mended.
 #[test]

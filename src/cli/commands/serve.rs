@@ -79,7 +79,7 @@ pub(in crate::cli) fn token(args: &TokenArgs) -> anyhow::Result<Answer> {
         TokenCommand::List | TokenCommand::Revoke { .. } => Store::visit_known(&args.data)?,
     };
     match &args.command {
-        TokenCommand::Create { name, scope, days } => {
+        TokenCommand::Create { name, scope, days, replace } => {
             ensure!(
                 !name.is_empty() && name.len() <= 100 && !name.contains(char::is_control),
                 "a name has 1 to 100 characters"
@@ -87,17 +87,19 @@ pub(in crate::cli) fn token(args: &TokenArgs) -> anyhow::Result<Answer> {
             let mut scopes: Vec<&str> = scope.iter().map(|scope| scope.name()).collect();
             scopes.sort_unstable();
             scopes.dedup();
-            let made = store.create_token(name, &scopes.join(" "), *days)?;
+            let made = store.create_token(name, &scopes.join(" "), *days, *replace)?;
             let json = json!({ "name": name, "token": made.secret, "scopes": scopes, "expires_ms": made.expires_ms });
             Ok(Answer::new(made.secret, json))
         }
         TokenCommand::List => {
             let tokens = store.tokens()?;
-            let line = |token: &serve::Token| format!("{}: {}", token.name, token.scopes);
+            let line = |token: &serve::Token| {
+                format!("{}: {}, {}", token.name, token.scopes, expiry(token.left_ms()))
+            };
             let text: Vec<String> = tokens.iter().map(line).collect();
             let shown: Vec<_> = tokens
                 .iter()
-                .map(|t| json!({ "name": t.name, "scopes": t.scopes, "expires_ms": t.expires_ms }))
+                .map(|t| json!({ "name": t.name, "scopes": t.scopes, "expires_ms": t.expires_ms, "expired": t.left_ms() <= 0 }))
                 .collect();
             Ok(Answer::new(text.join("\n"), json!({ "tokens": shown })))
         }
@@ -106,5 +108,39 @@ pub(in crate::cli) fn token(args: &TokenArgs) -> anyhow::Result<Answer> {
             found.then_some(()).with_context(|| format!("there is no token `{name}`"))?;
             Ok(Answer::new(format!("{name} is revoked"), json!({ "revoked": name })))
         }
+    }
+}
+
+/// How long a token is good for, in days.
+fn expiry(left_ms: i64) -> String {
+    const DAY_MS: i64 = 86_400_000;
+    match (left_ms > 0, left_ms.abs() / DAY_MS) {
+        (true, 0) => "expires within a day".to_owned(),
+        (true, 1) => "expires in 1 day".to_owned(),
+        (true, days) => format!("expires in {days} days"),
+        (false, 0) => "expired less than a day ago".to_owned(),
+        (false, 1) => "expired 1 day ago".to_owned(),
+        (false, days) => format!("expired {days} days ago"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whole days, before and after; at the very moment it has expired.
+    #[test]
+    fn expiry_is_told_in_days() {
+        let hours = |hours: i64| expiry(hours * 3_600_000);
+        assert_eq!(hours(90 * 24), "expires in 90 days");
+        assert_eq!(hours(47), "expires in 1 day");
+        assert_eq!(
+            (hours(1).as_str(), hours(0).as_str()),
+            ("expires within a day", "expired less than a day ago")
+        );
+        assert_eq!(
+            (hours(-25), hours(-72)),
+            ("expired 1 day ago".into(), "expired 3 days ago".into())
+        );
     }
 }

@@ -19,8 +19,9 @@ use crate::pipeline::{Light, Query, Scene};
 use crate::serve::Service;
 use crate::serve::answer::{blocking, is_sha256};
 use crate::serve::evaluate::Asked;
+use crate::serve::lights::LightRequest;
 use crate::serve::poses::{
-    JointRequest, LightRequest, PoseRequest, check_time, needs_scene, of_positions, refused,
+    JointRequest, PoseRequest, check_time, needs_scene, of_positions, refused,
 };
 use crate::serve::problem::Problem;
 use crate::serve::scenes::{self, SceneRequest};
@@ -180,10 +181,11 @@ impl Subject {
             model: &self.model,
             light: self.light.as_deref(),
             gloss: None,
+            light_at: "setup.light",
             vertices: self.vertices.as_deref(),
         };
         tracing::trace!(model = self.id, "a pose of a stream");
-        asked.values(service, &[query])
+        asked.values(service, &[query], |_| "at".to_owned())
     }
 }
 

@@ -7,10 +7,10 @@
 use std::fs;
 use std::path::Path;
 
-use rusqlite::{Connection, Transaction, params};
+use rusqlite::{Connection, OptionalExtension, Transaction, params};
 
 use super::folder::remove;
-use super::job::Deleted;
+use super::job::{Deleted, Forgotten};
 use super::jobs::get;
 use super::models::has_model;
 use super::submit::has_dataset;
@@ -58,6 +58,27 @@ impl Store {
             self.discard(&self.folder.model(id), |tx| has_model(tx, id))?;
         }
         Ok(gone)
+    }
+
+    /// Forgets an asset and removes its file, unless a job that has not ended needs it. Jobs that have
+    /// ended keep their scenes.
+    ///
+    /// # Errors
+    /// What the database or the disk objects to.
+    pub(in crate::serve) fn delete_asset(&self, sha256: &str) -> Result<Forgotten, Error> {
+        let outcome = self.write(|tx| {
+            let sql = "SELECT jobs.id FROM uses JOIN jobs ON jobs.seq = uses.job
+                WHERE uses.asset = ?1 AND jobs.state IN ('queued', 'running', 'cancelling') LIMIT 1";
+            if let Some(job) = tx.query_row(sql, [sha256], |row| row.get(0)).optional()? {
+                return Ok(Forgotten::Needed(job));
+            }
+            let gone = tx.execute("DELETE FROM assets WHERE sha256 = ?1", [sha256])? > 0;
+            Ok(if gone { Forgotten::Yes } else { Forgotten::Unknown })
+        })?;
+        if matches!(outcome, Forgotten::Yes) {
+            self.discard(&self.folder.asset(sha256), |tx| has_asset(tx, sha256))?;
+        }
+        Ok(outcome)
     }
 
     /// Removes assets that nobody has asked for since a time and that no job names; how many. Others

@@ -2,11 +2,16 @@
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};
+use std::io::{Read, Write};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use rustix::fs::Access;
 
 use super::{DATABASE, Error, random_id};
+
+/// The parts of the service's folder.
+const PARTS: [&str; 6] = ["assets", "incoming", "jobs", "work", "models", "results"];
 
 /// The service's folder.
 #[derive(Debug, Clone)]
@@ -18,7 +23,7 @@ impl Folder {
     /// The folder with its parts, made where they are missing.
     pub(super) fn create(root: &Path) -> Result<Self, Error> {
         let folder = Self { root: root.to_path_buf() };
-        for part in ["assets", "incoming", "jobs", "work", "models", "results"] {
+        for part in PARTS {
             create(&folder.root.join(part))?;
         }
         Ok(folder)
@@ -37,6 +42,19 @@ impl Folder {
         }
     }
 
+    /// Tries whether every part takes a file: nothing is left of it.
+    ///
+    /// # Errors
+    /// [`Error::Io`] of the first part that takes none.
+    pub(in crate::serve) fn probe(&self) -> Result<(), Error> {
+        PARTS.iter().try_for_each(|part| {
+            let path = self.root.join(part);
+            // Without a name where the system can: no listing ever shows it.
+            let tried = tempfile::tempfile_in(&path).and_then(|mut file| file.write_all(b"?"));
+            tried.map_err(|source| Error::Io { action: "write to", path, source })
+        })
+    }
+
     /// Removes what a process that was killed left half done, and data sets that are no job's.
     pub(super) fn sweep(
         &self,
@@ -46,11 +64,14 @@ impl Folder {
         for entry in list(&self.root.join("incoming"))? {
             remove(&entry)?;
         }
-        self.keep("jobs", jobs)?;
-        self.keep("results", jobs)?;
         // A database without jobs may have taken the place of one that will be mended and put back:
         // what took hours is not thrown away for that.
-        if bakes.is_empty() { Ok(()) } else { self.keep("work", bakes) }
+        if jobs.is_empty() {
+            return Ok(());
+        }
+        self.keep("jobs", jobs)?;
+        self.keep("results", jobs)?;
+        self.keep("work", bakes)
     }
 
     /// Removes all but these of a part.
@@ -127,6 +148,25 @@ impl Drop for Incoming {
         // What cannot be removed now goes at the next start.
         let _ = fs::remove_dir_all(&self.path);
     }
+}
+
+/// Where the process that serves a folder listens, if one does and has said so.
+pub(super) fn served_at(root: &Path) -> Option<SocketAddr> {
+    let mut file = File::open(root.join("lock")).ok()?;
+    if !matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)) {
+        return None;
+    }
+    let mut text = String::new();
+    file.read_to_string(&mut text).ok()?;
+    text.trim().parse().ok()
+}
+
+/// Whether a folder has what only its database can name: jobs, data sets, models, results.
+pub(super) fn is_filled(root: &Path) -> bool {
+    let of_the_database = PARTS.iter().filter(|part| **part != "incoming");
+    of_the_database
+        .into_iter()
+        .any(|part| fs::read_dir(root.join(part)).is_ok_and(|mut entries| entries.next().is_some()))
 }
 
 /// Whether a folder can be written, or made where there is none; nothing is.

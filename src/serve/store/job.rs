@@ -78,6 +78,15 @@ pub(in crate::serve) struct Job {
     pub(in crate::serve) error: Option<String>,
 }
 
+/// What is to be run next.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(in crate::serve) struct Claim {
+    /// Marked as running.
+    pub(in crate::serve) job: Option<Job>,
+    /// The first in the queue, where it needs more memory than there is.
+    pub(in crate::serve) waits: Option<Job>,
+}
+
 /// A job to be accepted.
 #[derive(Debug)]
 pub(in crate::serve) struct NewJob<'a> {
@@ -138,6 +147,15 @@ pub(in crate::serve) enum Deleted {
     Yes,
     /// It has not ended.
     Active(State),
+    Unknown,
+}
+
+/// What became of a request to delete an asset.
+#[derive(Debug, PartialEq, Eq)]
+pub(in crate::serve) enum Forgotten {
+    Yes,
+    /// By this job, which has not ended.
+    Needed(String),
     Unknown,
 }
 

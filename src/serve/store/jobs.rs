@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use rusqlite::{OptionalExtension, Row, Transaction, params};
 use serde_json::json;
 
-use super::job::{Cancelled, Done, Job, State};
+use super::job::{Cancelled, Claim, Done, Job, State};
 use super::submit::has_dataset;
 use super::{Error, Store, deliveries, events, models, now_ms};
 
@@ -39,6 +39,17 @@ fn job(row: &Row<'_>) -> rusqlite::Result<Job> {
 pub(super) fn get(tx: &rusqlite::Connection, id: &str) -> Result<Option<Job>, Error> {
     let sql = format!("SELECT {COLUMNS} FROM jobs WHERE id = ?1");
     Ok(tx.query_row(&sql, [id], job).optional()?)
+}
+
+/// The first job in the queue that takes at most so much memory and whose data set nobody works on.
+fn next(tx: &Transaction<'_>, memory_bytes: u64) -> Result<Option<Job>, Error> {
+    let sql = format!(
+        "SELECT {COLUMNS} FROM jobs WHERE state = 'queued' AND memory_bytes <= ?1
+        AND bake NOT IN (SELECT bake FROM jobs WHERE state IN ('running', 'cancelling'))
+        ORDER BY priority DESC, seq LIMIT 1"
+    );
+    let memory = i64::try_from(memory_bytes).unwrap_or(i64::MAX);
+    Ok(tx.query_row(&sql, [memory], job).optional()?)
 }
 
 /// Moves a job to a state, with the event that says so.
@@ -180,41 +191,50 @@ impl Store {
         Ok(self.lock().query_row(sql, [], |row| row.get(0))?)
     }
 
-    /// The next job to run that takes at most so much memory, now marked as running. Two jobs of one
-    /// bake never run at once, for they write to one data set.
+    /// The next job to run, now marked as running: the first in the queue or, where that takes more
+    /// memory than there is and `may_pass` says so of its number, the first behind it that does not.
+    /// Two jobs of one bake never run at once, for they write to one data set.
     ///
     /// # Errors
     /// What the database objects to.
-    pub(in crate::serve) fn claim(&self, memory_bytes: u64) -> Result<Option<Job>, Error> {
-        let memory = i64::try_from(memory_bytes).unwrap_or(i64::MAX);
-        let claimed = self.write(|tx| {
-            let sql = format!(
-                "SELECT {COLUMNS} FROM jobs WHERE state = 'queued' AND memory_bytes <= ?1
-                AND bake NOT IN (SELECT bake FROM jobs WHERE state IN ('running', 'cancelling'))
-                ORDER BY priority DESC, seq LIMIT 1"
-            );
-            let Some(next) = tx.query_row(&sql, [memory], job).optional()? else {
-                return Ok(None);
+    pub(in crate::serve) fn claim(
+        &self,
+        memory_bytes: u64,
+        may_pass: impl FnOnce(i64) -> bool,
+    ) -> Result<Claim, Error> {
+        let claim = self.write(|tx| {
+            let Some(first) = next(tx, u64::MAX)? else { return Ok(Claim::default()) };
+            let fits = first.memory_bytes <= memory_bytes;
+            let passes = !fits && may_pass(first.seq);
+            let (job, waits) = match fits {
+                true => (Some(first), None),
+                false if passes => (next(tx, memory_bytes)?, Some(first)),
+                false => (None, Some(first)),
             };
+            let Some(job) = job else { return Ok(Claim { job: None, waits }) };
             let sql = "UPDATE jobs SET attempts = attempts + 1,
                 started_ms = COALESCE(started_ms, ?2) WHERE seq = ?1";
-            tx.execute(sql, params![next.seq, now_ms()])?;
-            enter(tx, next.seq, State::Running)?;
-            get(tx, &next.id)
+            tx.execute(sql, params![job.seq, now_ms()])?;
+            enter(tx, job.seq, State::Running)?;
+            Ok(Claim { job: get(tx, &job.id)?, waits })
         })?;
-        claimed.iter().for_each(|job| self.bells.ring(job.seq));
-        Ok(claimed)
+        claim.job.iter().for_each(|job| self.bells.ring(job.seq));
+        Ok(claim)
     }
 
-    /// Puts a running job back, because the service stops; that attempt does not count.
+    /// Puts a running job back, because the service stops or its disk takes no writes; that attempt
+    /// may count or not.
     ///
     /// # Errors
     /// What the database objects to.
-    pub(in crate::serve) fn put_back(&self, seq: i64) -> Result<(), Error> {
+    pub(in crate::serve) fn put_back(&self, seq: i64, counts: bool) -> Result<(), Error> {
         self.write(|tx| {
-            tx.execute("UPDATE jobs SET attempts = attempts - 1 WHERE seq = ?1", [seq])?;
+            let sql = "UPDATE jobs SET attempts = attempts - ?2 WHERE seq = ?1";
+            tx.execute(sql, params![seq, i64::from(!counts)])?;
             enter(tx, seq, State::Queued)
-        })
+        })?;
+        self.bells.ring(seq);
+        Ok(())
     }
 
     /// Ends a job. Its model is put into its place and made known in the same transaction, so that

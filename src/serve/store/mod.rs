@@ -7,6 +7,7 @@
 mod assets;
 mod delete;
 mod deliveries;
+mod error;
 mod events;
 mod folder;
 mod job;
@@ -17,6 +18,8 @@ mod submit;
 mod tokens;
 
 use std::fs::File;
+use std::io::{Seek, Write};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -25,9 +28,12 @@ use rusqlite::{Connection, OpenFlags, OptionalExtension, Transaction, Transactio
 
 pub(super) use assets::Asset;
 pub(super) use deliveries::Delivery;
+pub use error::Error;
 pub(super) use events::{Bells, Event};
 pub(super) use folder::{Folder, Incoming, create, list, remove, settle};
-pub(super) use job::{Cancelled, Deleted, Done, Job, Key, NewJob, NewModel, State, Submitted};
+pub(super) use job::{
+    Cancelled, Claim, Deleted, Done, Forgotten, Job, Key, NewJob, NewModel, State, Submitted,
+};
 pub(super) use logs::{Level, Line};
 pub(super) use models::StoredModel;
 pub(super) use tokens::hash_of;
@@ -110,74 +116,6 @@ CREATE TABLE IF NOT EXISTS tokens (
 ) WITHOUT ROWID;
 ";
 
-/// Why the store cannot do what was asked.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum Error {
-    /// The database.
-    #[error("the service's database: {0}")]
-    Sql(#[from] rusqlite::Error),
-    /// A file or folder.
-    #[error("could not {action} {path}: {source}", path = path.display())]
-    Io {
-        /// Such as `create`.
-        action: &'static str,
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// Another process serves this folder.
-    #[error("{folder} is served by another process; stop it, or name another folder", folder = .0.display())]
-    Taken(PathBuf),
-    /// No service was ever in a folder.
-    #[error("there is no service in {folder}; name the folder that `serve` has as --data", folder = .0.display())]
-    NoService(PathBuf),
-    /// Another process has taken the folder over.
-    #[error("another process has taken over this folder; this one stops writing to it")]
-    Fenced,
-    /// The database is not whole.
-    #[error(
-        "the service's database is damaged: {said}; put back a copy of poselight.db, or move it \
-         away to start without jobs"
-    )]
-    Damaged {
-        /// What the database says of it.
-        said: String,
-    },
-    /// Written by a later version.
-    #[error("the database has version {found}, this build reads {SCHEMA}; use a later build")]
-    Newer {
-        /// Its version.
-        found: i64,
-    },
-}
-
-impl Error {
-    /// Whether the state of disk or database is the reason, which may be mended while the service
-    /// waits; else it is how the service was started.
-    pub(super) fn is_of_the_disk(&self) -> bool {
-        use rusqlite::ErrorCode::{
-            CannotOpen, DatabaseCorrupt, DiskFull, NotADatabase, ReadOnly, SystemIoFailure,
-        };
-        match self {
-            Self::Damaged { .. } | Self::Io { .. } => true,
-            Self::Sql(error) => error.sqlite_error_code().is_some_and(|code| {
-                matches!(
-                    code,
-                    CannotOpen
-                        | DatabaseCorrupt
-                        | DiskFull
-                        | NotADatabase
-                        | ReadOnly
-                        | SystemIoFailure
-                )
-            }),
-            _ => false,
-        }
-    }
-}
-
 /// Database and files of one service.
 #[derive(Debug)]
 pub struct Store {
@@ -187,7 +125,7 @@ pub struct Store {
     folder: Folder,
     bells: Bells,
     /// Locked as long as the service lives; the system lets go of it however the process ends.
-    _lease: Option<File>,
+    lease: Option<File>,
 }
 
 impl Store {
@@ -196,17 +134,62 @@ impl Store {
     /// # Errors
     /// [`Error::Taken`] where another process serves it; what disk and database object to.
     pub fn open(path: &Path) -> Result<Self, Error> {
+        if !path.join(DATABASE).exists() && folder::is_filled(path) {
+            tracing::warn!("there is no poselight.db: what was done here before is not known");
+        }
+        Self::take(path, OpenFlags::default())
+    }
+
+    fn take(path: &Path, flags: OpenFlags) -> Result<Self, Error> {
         let folder = Folder::create(path)?;
         let lease = folder.lease()?;
-        let mut store = Self::connect(folder)?;
+        let mut store = Self::connect(folder, flags)?;
         let sql = "INSERT INTO meta VALUES ('epoch', 1)
             ON CONFLICT (key) DO UPDATE SET value = value + 1 RETURNING value";
         let epoch = store.lock().query_row(sql, [], |row| row.get(0))?;
         store.epoch = Some(epoch);
-        store._lease = Some(lease);
+        store.lease = Some(lease);
         store.folder.sweep(&store.job_ids()?, &store.bakes()?)?;
         store.recover()?;
         Ok(store)
+    }
+
+    /// As [`Self::open`], of a folder whose database was broken a moment ago: an empty one does not take
+    /// its place by itself, for its journal would win over a copy that is put there.
+    ///
+    /// # Errors
+    /// As [`Self::open`]; [`Error::Gone`].
+    pub(super) fn reopen(path: &Path) -> Result<Self, Error> {
+        let database = path.join(DATABASE);
+        // A copy that has just begun has no bytes yet.
+        let is_there = database.metadata().is_ok_and(|file| file.len() > 0);
+        if !is_there && !folder::is_filled(path) {
+            return Self::open(path);
+        }
+        if !is_there {
+            return Err(Error::Gone(path.to_path_buf()));
+        }
+        // One that is still being copied is not whole, and is only looked at.
+        Self::look(path)?;
+        Self::take(path, OpenFlags::default() & !OpenFlags::SQLITE_OPEN_CREATE)
+    }
+
+    /// Says in the folder where its service listens.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub(super) fn listens_at(&self, address: SocketAddr) -> Result<(), Error> {
+        let Some(mut lock) = self.lease.as_ref() else { return Ok(()) };
+        let path = self.folder.root().join("lock");
+        let written = lock.set_len(0).and_then(|()| lock.rewind());
+        let written = written.and_then(|()| write!(lock, "{address}"));
+        written.map_err(|source| Error::Io { action: "write", path, source })
+    }
+
+    /// Where the service of a folder listens, if there is one that runs.
+    #[must_use]
+    pub fn served_at(path: &Path) -> Option<SocketAddr> {
+        folder::served_at(path)
     }
 
     /// Looks into a folder beside the process that serves it, to manage tokens; makes it where there is
@@ -215,7 +198,11 @@ impl Store {
     /// # Errors
     /// What disk and database object to.
     pub fn visit(path: &Path) -> Result<Self, Error> {
-        Self::connect(Folder::create(path)?)
+        // A service that waits for a copy of its database would take an empty one for it.
+        if !path.join(DATABASE).exists() && folder::is_filled(path) {
+            return Err(Error::Gone(path.to_path_buf()));
+        }
+        Self::connect(Folder::create(path)?, OpenFlags::default())
     }
 
     /// As [`Self::visit`], of a folder that is there.
@@ -250,8 +237,8 @@ impl Store {
         if found == 0 { Ok(false) } else { tokens::any(&connection) }
     }
 
-    fn connect(folder: Folder) -> Result<Self, Error> {
-        let mut connection = Connection::open(folder.database())?;
+    fn connect(folder: Folder, flags: OpenFlags) -> Result<Self, Error> {
+        let mut connection = Connection::open_with_flags(folder.database(), flags)?;
         connection.busy_timeout(Duration::from_secs(10))?;
         connection.pragma_update(None, "journal_mode", "WAL")?;
         connection.pragma_update(None, "synchronous", "FULL")?;
@@ -259,7 +246,7 @@ impl Store {
         check(&connection)?;
         migrate(&mut connection)?;
         let connection = Mutex::new(connection);
-        Ok(Self { connection, epoch: None, folder, bells: Bells::default(), _lease: None })
+        Ok(Self { connection, epoch: None, folder, bells: Bells::default(), lease: None })
     }
 
     /// Where the files are.

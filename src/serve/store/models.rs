@@ -68,8 +68,8 @@ pub(super) fn has_model(tx: &Connection, id: &str) -> Result<bool, Error> {
     Ok(tx.query_row(sql, [id], |row| row.get(0))?)
 }
 
-/// Makes a job's model known and moves it to its place, unless the same is there already. Again, after
-/// a transaction that failed, it does what is left to do.
+/// Makes a job's model known and moves it to its place, unless the same is there already, with its
+/// files. Again, after a transaction that failed, it does what is left to do.
 pub(super) fn add(
     tx: &Transaction<'_>,
     folder: &Folder,
@@ -80,8 +80,8 @@ pub(super) fn add(
         VALUES (?1, ?2, ?3, ?4, ?5) ON CONFLICT (id) DO NOTHING";
     let bytes = i64::try_from(model.bytes).unwrap_or(i64::MAX);
     let new = tx.execute(sql, params![job.key, model.sha256, bytes, job.id, now_ms()])? > 0;
-    if new && model.folder.is_dir() {
-        let place = folder.model(&job.key);
+    let place = folder.model(&job.key);
+    if (new || !place.is_dir()) && model.folder.is_dir() {
         // Of a process that ended before it had deleted it.
         remove(&place)?;
         settle(model.folder, &place)?;

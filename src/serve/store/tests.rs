@@ -20,6 +20,11 @@ fn new<'a>(id: &'a str, bake: &'a str) -> NewJob<'a> {
     }
 }
 
+/// The next job, with memory for any of [`new`].
+fn claim(store: &Store) -> Option<Job> {
+    store.claim(10, |_| true).unwrap().job
+}
+
 fn accepted(store: &Store, new: &NewJob<'_>) -> Job {
     match store.submit(new, None).unwrap() {
         Submitted::New(job) => *job,
@@ -37,7 +42,7 @@ fn jobs_are_claimed_in_order() {
     accepted(&store, &NewJob { priority: 5, ..new("c", "y") });
     let full = store.submit(&new("d", "z"), None).unwrap();
     assert!(matches!(full, Submitted::Full(3)), "{full:?}");
-    let claimed = || store.claim(10).unwrap().map(|job| job.id);
+    let claimed = || claim(&store).map(|job| job.id);
     assert_eq!(claimed().as_deref(), Some("c"));
     assert_eq!(claimed().as_deref(), Some("a"));
     assert_eq!(claimed(), None);
@@ -51,7 +56,7 @@ fn a_restart_recovers_every_job() {
     let store = Store::open(folder.path()).unwrap();
     for (id, bake) in [("a", "x"), ("b", "y")] {
         accepted(&store, &new(id, bake));
-        store.claim(10).unwrap().unwrap();
+        claim(&store).unwrap();
     }
     assert!(matches!(store.cancel("b").unwrap(), Cancelled::Yes(_)));
     assert!(matches!(store.delete_job("b").unwrap(), Deleted::Active(State::Cancelling)));
@@ -109,7 +114,7 @@ fn a_lost_folder_is_not_written() {
     assert!(matches!(Store::open(folder.path()), Err(Error::Taken(_))));
     store.lock().execute("UPDATE meta SET value = value + 1 WHERE key = 'epoch'", []).unwrap();
     assert!(matches!(store.submit(&new("a", "x"), None), Err(Error::Fenced)));
-    assert!(matches!(store.claim(10), Err(Error::Fenced)));
+    assert!(matches!(store.claim(10, |_| true), Err(Error::Fenced)));
     assert!(matches!(store.progress(1, "{}"), Err(Error::Fenced)), "a running job hears of it");
 }
 
@@ -119,27 +124,115 @@ fn tokens_live_and_die() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::visit(folder.path()).unwrap();
     assert!(!store.has_tokens().unwrap());
-    let made = store.create_token("maya", "read write", 1).unwrap();
+    let made = store.create_token("maya", "read write", 1, false).unwrap();
     let hash = hash_of(&made.secret);
     assert_eq!(store.token(&hash).unwrap().unwrap().name, "maya");
     assert!(store.token(&made.secret).unwrap().is_none());
-    let expired = store.create_token("old", "read", 0).unwrap();
+    let expired = store.create_token("old", "read", 0, false).unwrap();
     assert!(store.token(&hash_of(&expired.secret)).unwrap().is_none());
+    let left =
+        |name: &str| store.tokens().unwrap().iter().find(|t| t.name == name).unwrap().left_ms();
+    assert!(left("old") <= 0 && left("maya") > 0);
+    store.create_token("old", "read", 1, false).expect("the earlier one has expired");
+    // Who uses one does not lose it by a name that is taken by mistake.
+    let again = store.create_token("maya", "read", 1, false).unwrap_err();
+    assert!(matches!(&again, Error::KnownToken(name) if name == "maya"), "{again}");
+    assert!(store.token(&hash).unwrap().is_some());
+    let other = store.create_token("maya", "read", 1, true).unwrap();
+    assert!(store.token(&hash).unwrap().is_none());
+    let hash = hash_of(&other.secret);
     assert!(store.revoke_token("maya").unwrap());
     assert!(store.token(&hash).unwrap().is_none());
 }
 
-/// A job that does not fit into the memory that is free waits, and lets smaller ones pass.
+/// A job that does not fit into the memory that is free waits and is told of, and lets smaller ones
+/// pass only as long as it may.
 #[test]
 fn jobs_wait_for_memory() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(folder.path()).unwrap();
-    accepted(&store, &NewJob { memory_bytes: 100, priority: 9, ..new("large", "x") });
+    let large = accepted(&store, &NewJob { memory_bytes: 100, priority: 9, ..new("large", "x") });
     accepted(&store, &new("small", "y"));
-    let claim = |free| store.claim(free).unwrap().map(|job| job.id);
-    assert_eq!(claim(9), None);
-    assert_eq!(claim(99).as_deref(), Some("small"));
-    assert_eq!(claim(100).as_deref(), Some("large"));
+    accepted(&store, &new("other", "z"));
+    let claim = |free, passes| {
+        let Claim { job, waits } = store.claim(free, |seq| seq == large.seq && passes).unwrap();
+        (job.map(|job| job.id), waits.map(|job| job.id))
+    };
+    let some = |id: &str| Some(id.to_owned());
+    assert_eq!(claim(9, true), (None, some("large")));
+    assert_eq!(claim(99, true), (some("small"), some("large")));
+    assert_eq!(claim(99, false), (None, some("large")), "it is passed for ever");
+    assert_eq!(claim(100, false), (some("large"), None));
+    assert_eq!(claim(10, false), (some("other"), None));
+    assert_eq!(store.claim(10, |_| true).unwrap(), Claim::default());
+}
+
+/// A job that is put back because of the disk waits again, and that attempt counts or does not.
+#[test]
+fn a_job_that_is_put_back_waits() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    let seq = accepted(&store, &new("a", "x")).seq;
+    for (counts, attempts) in [(false, 0), (true, 1), (false, 1)] {
+        claim(&store).unwrap();
+        store.put_back(seq, counts).unwrap();
+        let job = store.job("a").unwrap().unwrap();
+        assert_eq!((job.state, job.attempts), (State::Queued, attempts));
+    }
+}
+
+/// A database without jobs, as after its file was lost, takes nothing away of what another has named;
+/// one that broke a moment ago gets no empty one in its place, but a copy.
+#[test]
+fn an_empty_database_takes_nothing_away() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    accepted(&store, &new("a", "x"));
+    let kept = [store.folder().results("a"), store.folder().sources("a"), store.folder().work("x")];
+    for place in &kept {
+        create(place).unwrap();
+    }
+    drop(store);
+    let (path, copy) = (folder.path().join(DATABASE), folder.path().join("copy"));
+    std::fs::rename(&path, &copy).unwrap();
+    assert!(matches!(Store::reopen(folder.path()), Err(Error::Gone(_))));
+    assert!(matches!(Store::visit(folder.path()), Err(Error::Gone(_))), "for the sake of a token");
+    assert!(!path.exists());
+    std::fs::write(&path, b"").unwrap();
+    assert!(matches!(Store::reopen(folder.path()), Err(Error::Gone(_))), "a copy has just begun");
+    let whole = std::fs::read(&copy).unwrap();
+    std::fs::write(&path, &whole[..whole.len() / 2]).unwrap();
+    let half = Store::reopen(folder.path()).unwrap_err();
+    assert!(half.is_of_the_disk(), "{half}");
+    std::fs::write(&path, &whole).unwrap();
+    let store = Store::reopen(folder.path()).unwrap();
+    assert!(store.job("a").unwrap().is_some());
+    drop(store);
+    // The operator's own start begins anew.
+    std::fs::remove_file(&path).unwrap();
+    drop(Store::open(folder.path()).unwrap());
+    assert!(kept.iter().all(|place| place.is_dir()), "what hours have made is thrown away");
+    let empty = tempfile::tempdir().unwrap();
+    assert!(Store::reopen(empty.path()).is_ok(), "there is nothing to lose");
+}
+
+/// A part of the folder that takes no files is found; a try leaves nothing.
+#[test]
+fn a_folder_that_takes_no_writes_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    store.folder().probe().unwrap();
+    for part in ["incoming", "work", "results", "models", "jobs", "assets"] {
+        let path = folder.path().join(part);
+        assert_eq!(std::fs::read_dir(&path).unwrap().count(), 0, "{part}: a try stays");
+        std::fs::remove_dir(&path).unwrap();
+        std::fs::write(&path, b"no folder").unwrap();
+        let error = store.folder().probe().unwrap_err();
+        assert!(error.takes_no_writes() && error.to_string().contains(part), "{error}");
+        std::fs::remove_file(&path).unwrap();
+        create(&path).unwrap();
+    }
+    store.folder().probe().unwrap();
 }
 
 /// A job on somebody else's data set is taken as long as some job has it, and keeps it; the folder
@@ -253,7 +346,7 @@ fn a_clock_that_goes_back_changes_no_order() {
     accepted(&store, &new("second", "y"));
     let listed = store.jobs(i64::MAX, None, None, 9).unwrap();
     assert_eq!(listed.iter().map(|job| job.id.as_str()).collect::<Vec<_>>(), ["second", "first"]);
-    let first = store.claim(10).unwrap().unwrap();
+    let first = claim(&store).unwrap();
     assert_eq!(first.id, "first");
     let ids: Vec<i64> = store.events(first.seq, 0).unwrap().iter().map(|e| e.id).collect();
     assert_eq!(ids, [1, 2]);
@@ -314,6 +407,29 @@ fn unused_assets_are_removed() {
     assert_eq!(store.delete_unused_assets(6).unwrap(), 1, "with its job goes its use");
 }
 
+/// An asset is deleted with its file as soon as no job that has not ended needs it, and can come again.
+#[test]
+fn assets_are_deleted() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    let name = "a".repeat(64);
+    add(&store, &name);
+    let request = format!(r#"{{"assets":{{"x":"{name}"}}}}"#);
+    accepted(&store, &NewJob { request: &request, ..new("j", "x") });
+    let delete = || store.delete_asset(&name).unwrap();
+    assert_eq!(delete(), Forgotten::Needed("j".into()));
+    claim(&store).unwrap();
+    assert_eq!(delete(), Forgotten::Needed("j".into()));
+    store.cancel("j").unwrap();
+    assert_eq!(delete(), Forgotten::Needed("j".into()), "it may still read it");
+    store.recover().unwrap();
+    assert_eq!(delete(), Forgotten::Yes);
+    assert!(store.asset(&name).unwrap().is_none() && !store.folder().asset(&name).exists());
+    assert_eq!(store.asset_bytes().unwrap(), 0);
+    assert_eq!(delete(), Forgotten::Unknown);
+    add(&store, &name);
+}
+
 /// More unused assets than one transaction looks at all go, and those between them that are used stay.
 #[test]
 fn unused_assets_go_in_batches() {
@@ -336,21 +452,21 @@ fn ends_count_while_nothing_comes_of_it() {
     let mut store = Store::open(folder.path()).unwrap();
     let job = accepted(&store, &new("a", "x"));
     for blocks in 0..30 {
-        store.claim(10).unwrap().unwrap();
+        claim(&store).unwrap();
         let ends = store.begin(job.seq, blocks).unwrap();
         assert_eq!(ends, 0, "it came further, whatever ended the service");
         drop(store);
         store = Store::open(folder.path()).unwrap();
     }
     for ends in 1..5 {
-        store.claim(10).unwrap().unwrap();
+        claim(&store).unwrap();
         assert_eq!(store.begin(job.seq, 29).unwrap(), ends);
         drop(store);
         store = Store::open(folder.path()).unwrap();
     }
-    store.claim(10).unwrap().unwrap();
-    store.put_back(job.seq).unwrap();
-    store.claim(10).unwrap().unwrap();
+    claim(&store).unwrap();
+    store.put_back(job.seq, false).unwrap();
+    claim(&store).unwrap();
     assert_eq!(
         store.begin(job.seq, 3).unwrap(),
         5,
@@ -463,7 +579,7 @@ fn looking_leaves_no_trace() {
     assert!(matches!(Store::look(&folder.path().join("file/x")), Err(Error::Io { .. })));
     let store = Store::open(&nowhere).unwrap();
     assert!(!Store::look(&nowhere).unwrap());
-    Store::visit_known(&nowhere).unwrap().create_token("a", "read", 1).unwrap();
+    Store::visit_known(&nowhere).unwrap().create_token("a", "read", 1, false).unwrap();
     assert!(Store::look(&nowhere).unwrap(), "beside the one that serves");
     drop(store);
     std::fs::write(nowhere.join(DATABASE), vec![7; 5000]).unwrap();

@@ -45,16 +45,36 @@ fn token(row: &Row<'_>) -> rusqlite::Result<Token> {
     Ok(Token { name: row.get(0)?, scopes: row.get(1)?, expires_ms: row.get(2)? })
 }
 
+impl Token {
+    /// Milliseconds that it is still good for; below zero where it has expired.
+    #[must_use]
+    pub fn left_ms(&self) -> i64 {
+        self.expires_ms.saturating_sub(now_ms())
+    }
+}
+
 impl Store {
-    /// Makes a token for `name`, in place of an earlier one of that name.
+    /// Makes a token for `name`; one of that name that has expired goes, and one that has not, where it
+    /// is to be replaced.
     ///
     /// # Errors
-    /// What the database objects to.
-    pub fn create_token(&self, name: &str, scopes: &str, days: u32) -> Result<NewToken, Error> {
+    /// [`Error::KnownToken`]; what the database objects to.
+    pub fn create_token(
+        &self,
+        name: &str,
+        scopes: &str,
+        days: u32,
+        replace: bool,
+    ) -> Result<NewToken, Error> {
         let secret = format!("psl_{}{}", random_id()?, random_id()?);
         let expires_ms = now_ms().saturating_add(i64::from(days) * 86_400_000);
         self.write(|tx| {
-            tx.execute("DELETE FROM tokens WHERE name = ?1", [name])?;
+            let sql = "DELETE FROM tokens WHERE name = ?1 AND (?2 OR expires_ms <= ?3)";
+            tx.execute(sql, params![name, replace, now_ms()])?;
+            let sql = "SELECT EXISTS (SELECT 1 FROM tokens WHERE name = ?1)";
+            if tx.query_row(sql, [name], |row| row.get(0))? {
+                return Err(Error::KnownToken(name.to_owned()));
+            }
             let sql = "INSERT INTO tokens VALUES (?1, ?2, ?3, ?4, ?5)";
             tx.execute(sql, params![hash_of(&secret), name, scopes, now_ms(), expires_ms])?;
             Ok(())
