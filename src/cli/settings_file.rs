@@ -161,6 +161,15 @@ mod tests {
         for bad in [r#"{"job": 2}"#, r#"{"jobs": []}"#, r#"{"config": "x"}"#, "[]", "{"] {
             assert!(with(bad, &[]).is_err(), "{bad}");
         }
+        // Of what stands before `serve` too.
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("settings.json");
+        std::fs::write(&path, r#"{"threads": 2, "jobs": 4}"#).expect("written");
+        for threads in ["--threads 5", "--threads=5"] {
+            let words = format!("poselight {threads} serve --config {}", path.display());
+            let words = with_file(words.split(' ').map(OsString::from).collect()).expect("read");
+            assert!(words.contains(&"--jobs=4".into()) && !words.contains(&"--threads=2".into()));
+        }
         // A word `serve` that is no subcommand has no settings; a flag before one that is has.
         for other in [
             "poselight bake",
