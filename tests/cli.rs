@@ -442,6 +442,44 @@ fn a_target_chooses_or_ends_with_status_3() {
     assert!(studio.path("missed.st").is_file(), "the best that was reached is kept");
 }
 
+/// A run refines the mesh first where that is asked for: data set and model are of the refined scene,
+/// which lies beside them; again, everything is there; another budget is another bake.
+#[test]
+fn a_run_bakes_the_refined_mesh() {
+    let studio = Studio::new();
+    let run = |budget: &'static str, more: &[&'static str]| {
+        let mut words = vec!["run", "figure.glb", "-o", "out", "--signal", "ao", "--rays", "4"];
+        words.extend(["--fps", "2", "--hold-out", "jump", "--reference-poses", "1", "--json"]);
+        words.extend(["--subdivide", budget]);
+        words.extend(more);
+        words
+    };
+    let object = |output: Output| -> Value { serde_json::from_slice(&output.stdout).expect("one") };
+    let planned = object(studio.succeed(&run("16000", &["--dry-run"])));
+    assert!(planned["refine_rays"].as_u64() > Some(0), "{planned}");
+    let done = object(studio.succeed(&run("16000", &[])));
+    assert!(done["notices"].to_string().contains("refined from"), "{done}");
+    let refined = object(studio.succeed(&["inspect", "out/refined.glb", "--json"]));
+    let triangles = refined["triangles"].as_u64().expect("a number");
+    assert!((15_990..=16_000).contains(&triangles), "{refined}");
+    let set = object(studio.succeed(&["inspect", "out/dataset.zarr", "--json"]));
+    assert_eq!(set["vertices"], refined["vertices"], "{set}");
+    let exact = object(studio.succeed(&run("16000", &["--dry-run"])));
+    assert_eq!(exact["hashes"]["bake"], planned["hashes"]["bake"], "the name is known before");
+    assert_eq!((&exact["refine_rays"], &exact["points"]), (&0.into(), &refined["points"]));
+    assert!(planned["points"].as_u64() >= exact["points"].as_u64(), "{planned} {exact}");
+    let again = studio.succeed(
+        &run("16000", &[])[..].iter().copied().filter(|w| *w != "--json").collect::<Vec<_>>(),
+    );
+    assert!(text(&again.stdout).contains("there already"), "{}", text(&again.stdout));
+    // The model is of the refined scene.
+    studio.succeed(&["apply", "out/model.safetensors", "out/refined.glb", "-o", "shown.glb"]);
+    let (status, told) = studio.fail(&run("15000", &[]));
+    assert!(status == 1 && told.contains("subdivide.triangles"), "{told}");
+    let (status, told) = studio.fail(&run("10", &["-o", "other"]));
+    assert!(status == 2 && told.contains("less than the"), "{told}");
+}
+
 /// A skinned character is refined to a file that still animates; budgets that make no sense, a
 /// measure without its constant and a file that cannot be written into are refused.
 #[test]
@@ -469,7 +507,8 @@ fn a_character_is_refined() {
     for (words, status, evidence) in [
         (refine(&["--max-triangles", "10"]), 2, "less than the"),
         (refine(&["--until", "0"]), 2, "positive"),
-        (refine(&["--curvature", "2"]), 2, "--measure curvature"),
+        (refine(&["--curvature", "2"]), 2, "subdivide.curvature"),
+        (refine(&["--max-vertices", "10"]), 2, "subdivide.vertices"),
         (refine(&["--bounces", "1"]), 2, "bake.bounces"),
         (refine(&["--receivers", "patch.obj"]), 2, "bake.surroundings.receivers"),
         (refine(&["--choose-rays"]), 2, "--choose-rays"),

@@ -7,6 +7,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 pub(crate) use super::bake_args::BakeFlags;
 pub(crate) use super::fit_args::{FitCommandArgs, FitFlags, LimitFlags};
 use super::light_args::LIGHT_HELP;
+pub(crate) use super::subdivide_args::RefineFlag;
 use crate::pipeline::recipe::{ParametrisationName, Recipe};
 
 /// The recipe's names for the values of flags.
@@ -185,6 +186,8 @@ pub(crate) struct BakeArgs {
     #[arg(long, conflicts_with = "from")]
     pub(crate) dry_run: bool,
     #[command(flatten)]
+    pub(crate) refine: RefineFlag,
+    #[command(flatten)]
     pub(crate) recipe: RecipeArgs,
     #[command(flatten)]
     pub(crate) poses: PoseFlags,
@@ -280,6 +283,8 @@ pub(crate) struct RunArgs {
     /// Print rays, bytes, memory and time, references included, and do nothing.
     #[arg(long)]
     pub(crate) dry_run: bool,
+    #[command(flatten)]
+    pub(crate) refine: RefineFlag,
     #[command(flatten)]
     pub(crate) recipe: RecipeArgs,
     #[command(flatten)]

@@ -166,7 +166,7 @@ fn run(command: Command, watch: &Watch) -> anyhow::Result<Answer> {
         Command::Still(args) => commands::still(&args),
         Command::Crowd(args) => commands::crowd(&args),
         Command::Heights(args) => commands::heights(&args),
-        Command::Subdivide(args) => commands::subdivide(&args, &STOP),
+        Command::Subdivide(args) => commands::subdivide(&args, watch),
         Command::Schema => commands::schema(),
         #[cfg(feature = "serve")]
         Command::Serve(args) => commands::serve(&args, &STOP),

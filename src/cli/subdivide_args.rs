@@ -4,15 +4,15 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::args::{PoseFlags, RecipeArgs};
+use super::args::{PoseFlags, RecipeArgs, names, set};
 use super::bake_args::BakeFlags;
-use crate::bake::subdivide::{ErrorMeasure, Goal};
-use crate::pipeline::Refinement;
+use crate::pipeline::recipe::Recipe;
+use crate::pipeline::recipe::subdivide::{MeasureName, SubdivideRecipe};
 
 /// Refine a mesh where its transfer changes.
 #[derive(Debug, Args)]
 pub(crate) struct SubdivideArgs {
-    /// The scene (.glb).
+    /// The scene (.glb, .gltf).
     pub(crate) scene: PathBuf,
     /// The refined scene to write.
     #[arg(short, long, value_name = "OUT.glb")]
@@ -20,32 +20,42 @@ pub(crate) struct SubdivideArgs {
     /// Triangles of the result at most [default: four times the input's, unless another goal is
     /// given].
     #[arg(long, value_name = "N")]
-    pub(crate) max_triangles: Option<usize>,
+    max_triangles: Option<u64>,
     /// Vertices of the result at most.
     #[arg(long, value_name = "N")]
-    max_vertices: Option<usize>,
+    max_vertices: Option<u64>,
+    /// Bytes at most of a model of the result, of the family and sizes that the recipe's `fit` states.
+    #[arg(long, value_name = "N")]
+    max_model_bytes: Option<u64>,
     /// Stop where no triangle's estimate is larger, in the measure's own unit.
-    #[arg(long, value_name = "ERROR", value_parser = positive)]
+    #[arg(long, value_name = "ERROR")]
     until: Option<f32>,
-    /// How often a triangle may be split in four [default: 8].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=12), default_value_t = 8, hide_default_value = true)]
-    max_depth: u8,
+    /// How often a triangle may be split in four, 1 to 12 [default: 8].
+    #[arg(long, value_name = "N")]
+    max_depth: Option<u8>,
+    /// Do not split triangles smaller than one with sides of this length, in sizes of the character
+    /// [default: 0].
+    #[arg(long, value_name = "SIZES")]
+    min_edge: Option<f32>,
     /// What orders the triangles [default: surplus].
-    #[arg(long, value_enum, default_value_t = MeasureArg::Surplus, hide_default_value = true)]
-    measure: MeasureArg,
+    #[arg(long, value_enum)]
+    measure: Option<MeasureArg>,
     /// The constant a of the measure `curvature`, per radian [default: 1].
-    #[arg(long, value_name = "A", value_parser = not_negative)]
+    #[arg(long, value_name = "A")]
     curvature: Option<f32>,
-    /// Poses at which the estimate is taken, the largest counts [default: 8].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256), default_value_t = 8, hide_default_value = true)]
-    key_poses: u16,
+    /// Poses at which the estimate is taken, the largest counts, 1 to 256 [default: 8].
+    #[arg(long, value_name = "N")]
+    key_poses: Option<u16>,
     /// How far skinning may take a new vertex off its triangle, in sizes of the character
     /// [default: 0.0005].
-    #[arg(long, value_name = "SIZES", value_parser = positive, default_value_t = 5e-4, hide_default_value = true)]
-    bound: f32,
+    #[arg(long, value_name = "SIZES")]
+    bound: Option<f32>,
+    /// Put new vertices on the smooth surface that the normals mean (PN triangles), not in the triangles.
+    #[arg(long, conflicts_with = "values")]
+    smooth: bool,
     /// Compare interpolation with the truth at so many places, before and after.
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
-    probes: usize,
+    pub(crate) probes: usize,
     /// Write the transfer of the first key pose as vertex attributes too.
     #[arg(long)]
     pub(crate) values: bool,
@@ -81,56 +91,43 @@ enum MeasureArg {
     Uniform,
 }
 
+names! {
+    MeasureArg => MeasureName {
+        Surplus, Midpoint, Curvature, CurvaturePrinted, Distance, Contrast, Uniform
+    }
+}
+
 impl SubdivideArgs {
-    /// The refinement of a mesh of so many triangles.
-    pub(crate) fn refinement(&self, triangles: usize) -> anyhow::Result<Refinement> {
-        let a = self.curvature.unwrap_or(1.0);
-        let measure = match self.measure {
-            MeasureArg::Surplus => ErrorMeasure::Surplus,
-            MeasureArg::Midpoint => ErrorMeasure::Midpoint,
-            MeasureArg::Curvature => ErrorMeasure::Curvature { a, printed: false },
-            MeasureArg::CurvaturePrinted => ErrorMeasure::Curvature { a, printed: true },
-            MeasureArg::Distance => ErrorMeasure::Distance,
-            MeasureArg::Contrast => ErrorMeasure::Contrast,
-            MeasureArg::Uniform => ErrorMeasure::Uniform,
-        };
-        if self.curvature.is_some() && !matches!(measure, ErrorMeasure::Curvature { .. }) {
-            let told = "--curvature changes nothing with this measure; use --measure curvature";
-            return Err(super::commands::Usage(told.to_owned()).into());
-        }
-        if let Some(most) = self.max_triangles.filter(|&most| most < triangles) {
-            let told = format!(
-                "--max-triangles {most} is less than the {triangles} of the scene as it is"
-            );
-            return Err(super::commands::Usage(told).into());
-        }
-        let any = self.max_vertices.is_some() || self.until.is_some();
-        let most = if any { usize::MAX } else { triangles.saturating_mul(4) };
-        Ok(Refinement {
-            goal: Goal {
-                triangles: self.max_triangles.unwrap_or(most),
-                vertices: self.max_vertices.unwrap_or(usize::MAX),
-                error: self.until.unwrap_or(0.0),
-                depth: self.max_depth,
-            },
-            measure,
-            key_poses: usize::from(self.key_poses),
-            bound: self.bound,
-            probes: self.probes,
-        })
+    /// Edits what a recipe says of refining.
+    pub(crate) fn edit(&self, recipe: &mut SubdivideRecipe) {
+        recipe.triangles = self.max_triangles.or(recipe.triangles);
+        recipe.vertices = self.max_vertices.or(recipe.vertices);
+        recipe.bytes = self.max_model_bytes.or(recipe.bytes);
+        recipe.error = self.until.or(recipe.error);
+        recipe.smooth |= self.smooth;
+        recipe.min_edge = self.min_edge.or(recipe.min_edge);
+        recipe.curvature = self.curvature.or(recipe.curvature);
+        set(&mut recipe.depth, self.max_depth);
+        set(&mut recipe.measure, self.measure);
+        set(&mut recipe.key_poses, self.key_poses);
+        set(&mut recipe.bound, self.bound);
     }
 }
 
-fn positive(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
-        _ => Err("it must be a positive number".to_owned()),
-    }
+/// Refining as a stage before a bake.
+#[derive(Debug, Args)]
+pub(crate) struct RefineFlag {
+    /// Refine the mesh to at most so many triangles where its transfer changes, and bake that; the
+    /// refined scene is written beside the data set. A recipe's `subdivide` says more.
+    #[arg(long, value_name = "TRIANGLES")]
+    subdivide: Option<u64>,
 }
 
-fn not_negative(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(value) if value.is_finite() && value >= 0.0 => Ok(value),
-        _ => Err("it must be zero or a positive number".to_owned()),
+impl RefineFlag {
+    /// Edits the recipe's refinement.
+    pub(crate) fn edit(&self, recipe: &mut Recipe) {
+        if self.subdivide.is_some() {
+            recipe.subdivide.get_or_insert_default().triangles = self.subdivide;
+        }
     }
 }

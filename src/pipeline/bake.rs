@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::earlier::{self, Earlier};
 use super::progress::{Progress, Stage, Watch};
 use super::rounds::Weights;
-use super::{Error, Job, describe, difference, rounds};
+use super::{Error, Job, RecipeError, describe, difference, rounds};
 use crate::bake::{self, BakedPose, Baker, PosedMesh};
 use crate::dataset::{self, Layout, PoseData, Writer};
 use crate::rig::Deformed;
@@ -58,6 +58,7 @@ pub fn bake_from(
     from: Option<&Path>,
     watch: &Watch,
 ) -> Result<Baked, Error> {
+    is_refined(job)?;
     let earlier = from.map(|from| Earlier::open(from, job)).transpose()?;
     let mut header = describe::header(job)?;
     header.attributes.lineage.extend(earlier.as_ref().map(|earlier| earlier.lineage(job)));
@@ -79,6 +80,13 @@ pub fn bake_from(
         committed.map_err(Error::from).and(baked)
     })?;
     Ok(tally.baked)
+}
+
+/// The name of a bake is of the refined mesh, and so must its values be.
+fn is_refined(job: &Job) -> Result<(), RecipeError> {
+    let (field, found) = ("subdivide", "asked for and not done".to_owned());
+    let expected = "refine the mesh first, and bake that";
+    if job.is_to_be_refined() { Err(RecipeError { field, found, expected }) } else { Ok(()) }
 }
 
 fn commit(

@@ -15,6 +15,7 @@ use super::recipe::{
     OnName, ParametrisationName, PosesRecipe, PrecisionName, Recipe, RidgeName, VERSION,
 };
 use super::rounds::Noises;
+use super::subdivide;
 use crate::rig::ParametrisationKind;
 use crate::{bake, fit, model, pose};
 
@@ -73,6 +74,7 @@ impl Checked {
             "this build reads version 1",
         )?;
         checked_receivers(recipe)?;
+        subdivide::checked(recipe)?;
         checked_choice(recipe)?;
         light::checked_light(recipe)?;
         Ok(Self {

@@ -9,7 +9,7 @@ use super::{Error, Job};
 use crate::dataset::{self, Dataset};
 
 /// The parts of a recipe that a data set's bytes depend on.
-const PARTS: [&str; 2] = ["poses", "bake"];
+const PARTS: [&str; 3] = ["subdivide", "poses", "bake"];
 
 /// A refusal to continue a data set of another recipe, with the fields in which the recipes differ;
 /// every other error as it is.

@@ -1,13 +1,14 @@
 //! Stage hashes: equal hash, equal bytes.
 //!
 //! Each stage is named by a SHA-256 over exactly what affects its bytes: *bake* over the scene's
-//! files and the recipe's `poses` and `bake`; *fit* over the bake's hash, `fit`, `target` and
+//! files and the recipe's `subdivide`, `poses` and `bake`; *fit* over the bake's hash, `fit`, `target` and
 //! `output`. Threads, block sizes and paths are in none.
 
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use super::recipe::Recipe;
+use super::recipe::subdivide::SubdivideRecipe;
 use crate::scene::Source;
 
 /// Changes whenever the same recipe begins to give other bytes, so that old results are not
@@ -26,13 +27,37 @@ pub struct Hashes {
 }
 
 impl Hashes {
-    /// The hashes of a recipe over a scene.
+    /// The hashes of a recipe over a scene. A refined scene's bake is named by what it was refined from,
+    /// so that its name is known before.
     #[must_use]
     pub fn of(scene: &str, recipe: &Recipe) -> Self {
-        let bake = stage("bake", &(ALGORITHM, scene, &recipe.poses, &recipe.bake));
+        let bake = match &recipe.subdivide {
+            None => stage("bake", &(ALGORITHM, scene, &recipe.poses, &recipe.bake)),
+            Some(subdivide) => {
+                let (scene, subdivide) = given(scene, subdivide);
+                stage("bake", &(ALGORITHM, scene, &recipe.poses, &recipe.bake, subdivide))
+            }
+        };
         let fit = stage("fit", &(&bake, &recipe.fit, &recipe.target, &recipe.output));
         Self { scene: scene.to_owned(), bake, fit }
     }
+}
+
+/// The scene before it was refined, and how that is asked for.
+fn given(scene: &str, subdivide: &SubdivideRecipe) -> (String, SubdivideRecipe) {
+    let of = subdivide.of.clone().unwrap_or_else(|| scene.to_owned());
+    (of, SubdivideRecipe { of: None, ..subdivide.clone() })
+}
+
+/// The hash of a refinement; `direct` is what it bakes by.
+#[must_use]
+pub(super) fn subdivision(
+    scene: &str,
+    direct: &Recipe,
+    subdivide: Option<&SubdivideRecipe>,
+) -> String {
+    let subdivide = subdivide.map(|subdivide| given(scene, subdivide));
+    stage("subdivide", &(ALGORITHM, scene, &direct.poses, &direct.bake, subdivide))
 }
 
 /// The hash of a scene's files: names and bytes, in order, each with its length before it.
@@ -99,6 +124,21 @@ mod tests {
         let mut other_path = base;
         other_path.scene.file = "elsewhere.glb".into();
         assert_eq!(before, Hashes::of("s", &other_path));
+    }
+
+    /// A refined scene's bake has the name that it had before the scene was refined; other settings of
+    /// the refinement, and none, make other names.
+    #[test]
+    fn a_refined_scene_is_named_by_what_it_was_made_from() {
+        let with = |subdivide| Recipe { subdivide, ..Recipe::default() };
+        let asked = SubdivideRecipe::default();
+        let before = Hashes::of("s", &with(Some(asked.clone())));
+        let done = SubdivideRecipe { of: Some("s".into()), ..asked.clone() };
+        let after = Hashes::of("refined", &with(Some(done)));
+        assert_eq!((&before.bake, &before.fit), (&after.bake, &after.fit));
+        assert_ne!(before.bake, Hashes::of("s", &with(None)).bake);
+        let other = SubdivideRecipe { depth: 3, ..asked };
+        assert_ne!(before.bake, Hashes::of("s", &with(Some(other))).bake);
     }
 
     /// What cannot be written down is not hashed as if it were nothing. JSON's keys are strings.

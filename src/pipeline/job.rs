@@ -136,6 +136,7 @@ impl Job {
         let receivers = Receivers::add(&mut scene, &mut poses, around.receivers);
         deep_enough(checked.subsurface, poses.size_m)?;
         let scene_hash = hash::scene(&scene.sources);
+        forget_other_scene(&mut recipe, &scene_hash);
         recipe.scene.file = scene.sources.first().map(|s| s.name.clone()).unwrap_or_default();
         recipe.scene.sha256 = Some(scene_hash.clone());
         if checked.noises.last().is_some() {
@@ -174,7 +175,15 @@ impl Job {
         job.receivers.hide(&mut resolved.views, &job.poses.points, mesh.triangles.len());
         job.surroundings = resolved;
         job.scene.notices.extend(notices);
+        super::subdivide::check_scene(&job)?;
         Ok(job)
+    }
+
+    /// Whether the recipe asks for a finer mesh than the scene's: [`super::refined`] makes the job of it,
+    /// which is what can be baked.
+    #[must_use]
+    pub fn is_to_be_refined(&self) -> bool {
+        self.recipe.subdivide.as_ref().is_some_and(|subdivide| subdivide.of.is_none())
     }
 
     /// The mesh at rest with everything that only blocks, in the scene.
@@ -267,6 +276,14 @@ impl Job {
         let bytes = name.map_or(&[][..], String::as_bytes);
         let words: Vec<u64> = bytes.iter().map(|&byte| u64::from(byte)).collect();
         crate::num::random::hash(&words)
+    }
+}
+
+/// A recipe that was resolved for a refined scene is that scene's; any other is refined anew.
+fn forget_other_scene(recipe: &mut Recipe, scene: &str) {
+    let is_refined = recipe.scene.sha256.as_deref() == Some(scene);
+    if let Some(subdivide) = recipe.subdivide.as_mut().filter(|_| !is_refined) {
+        subdivide.of = None;
     }
 }
 

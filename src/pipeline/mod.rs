@@ -95,7 +95,9 @@ pub use still::{
     spread_times, still,
 };
 pub use subdivide::{
-    Deviation, Refinement, Subdivided, SubdivisionPlan, plan_subdivision, subdivide,
+    Beyond, Deviation, REFINED, RefinedRecord, Refinement, Subdivided, SubdivisionPlan,
+    is_refinement, plan_subdivision, record_of, refined, refined_already, refinement_hash,
+    subdivide,
 };
 pub use surroundings::Occluders;
 pub use tradeoff::{Tradeoff, tradeoff};

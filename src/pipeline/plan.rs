@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 
 use super::reference::{rays_per_point, reference_rays};
+use super::subdivide::{Growth, growth};
 use super::{Error, Job, describe, notices, reference_notice, rounds, subset};
 use crate::bake::Baker;
 use crate::dataset::Layout;
@@ -33,6 +34,11 @@ pub struct Plan {
     pub reference_s: f64,
     /// Bytes of the references on disk, over and above `disk_bytes`.
     pub reference_bytes: u64,
+    /// Rays that refining the mesh casts first; 0 where it is not refined, or is already. Where it is,
+    /// the other numbers are of as many points as the refined mesh has at most.
+    pub refine_rays: u64,
+    /// Wall time of refining, seconds.
+    pub refine_s: f64,
 }
 
 impl Plan {
@@ -51,7 +57,27 @@ impl Plan {
             "reference_rays": self.reference_rays,
             "reference_s": self.reference_s,
             "reference_bytes": self.reference_bytes,
+            "refine_rays": self.refine_rays,
+            "refine_s": self.refine_s,
         })
+    }
+
+    /// As many numbers more as there are points.
+    fn grown(self, growth: Growth) -> Self {
+        let times = |number: u64| times(number, growth.factor);
+        Self {
+            points: times(self.points as u64) as usize,
+            rays: times(self.rays),
+            disk_bytes: times(self.disk_bytes),
+            memory_bytes: times(self.memory_bytes),
+            bake_s: self.bake_s * growth.factor,
+            reference_rays: times(self.reference_rays),
+            reference_s: self.reference_s * growth.factor,
+            reference_bytes: times(self.reference_bytes),
+            refine_rays: growth.rays,
+            refine_s: growth.rays as f64 / self.rays_per_s,
+            ..self
+        }
     }
 
     /// What the job's user should know beside the numbers.
@@ -84,6 +110,12 @@ const CALIBRATION_S: f64 = 0.5;
 /// # Errors
 /// What the stages object to.
 pub fn plan(job: &Job) -> Result<Plan, Error> {
+    let plan = plan_mesh(job)?;
+    Ok(growth(job)?.map_or(plan, |growth| plan.grown(growth)))
+}
+
+/// The plan of a job's mesh as it is.
+fn plan_mesh(job: &Job) -> Result<Plan, Error> {
     let layout = describe::header(job)?.layout;
     let bakers = rounds::bakers(job)?;
     let first = job.traced(0);
@@ -116,6 +148,8 @@ pub fn plan(job: &Job) -> Result<Plan, Error> {
         memory_bytes: peak(job, &bakers, &layout),
         rays_per_s: calibration.rays_per_s,
         bake_s: prepare_s + rays as f64 / calibration.rays_per_s,
+        refine_rays: 0,
+        refine_s: 0.0,
     })
 }
 
@@ -124,7 +158,8 @@ pub fn plan(job: &Job) -> Result<Plan, Error> {
 /// # Errors
 /// What the stages object to.
 pub fn memory_bytes(job: &Job) -> Result<u64, Error> {
-    Ok(peak(job, &rounds::bakers(job)?, &describe::header(job)?.layout))
+    let bytes = peak(job, &rounds::bakers(job)?, &describe::header(job)?.layout);
+    Ok(growth(job)?.map_or(bytes, |growth| times(bytes, growth.factor)))
 }
 
 /// What a job writes: the data set and, where it is measured, its references.
@@ -134,7 +169,12 @@ pub fn memory_bytes(job: &Job) -> Result<u64, Error> {
 pub fn disk_bytes(job: &Job, measured: bool) -> Result<u64, Error> {
     let layout = describe::header(job)?.layout;
     let references = if measured { reference_bytes(job, &layout) } else { 0 };
-    Ok(layout.disk_bytes() + scene_bytes(job) + references)
+    let bytes = layout.disk_bytes() + scene_bytes(job) + references;
+    Ok(growth(job)?.map_or(bytes, |growth| times(bytes, growth.factor)))
+}
+
+fn times(number: u64, factor: f64) -> u64 {
+    (number as f64 * factor).round() as u64
 }
 
 fn reference_bytes(job: &Job, layout: &Layout) -> u64 {

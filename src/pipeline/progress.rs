@@ -5,6 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// The part of a job that is at work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
+    /// The mesh is refined; counts triangles.
+    Subdivide,
     /// Training poses are baked.
     Bake,
     /// References for measuring are baked.
@@ -20,6 +22,7 @@ impl Stage {
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
+            Self::Subdivide => "subdivide",
             Self::Bake => "bake",
             Self::Reference => "reference",
             Self::Fit => "fit",

@@ -5,6 +5,7 @@
 
 mod fit;
 pub mod light;
+pub mod subdivide;
 pub mod subsurface;
 pub mod surroundings;
 
@@ -18,6 +19,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use light::LightRecipe;
+use subdivide::SubdivideRecipe;
 use subsurface::SubsurfaceRecipe;
 use surroundings::SurroundingsRecipe;
 
@@ -33,6 +35,9 @@ pub struct Recipe {
     /// What is baked.
     #[serde(default)]
     pub scene: SceneRecipe,
+    /// How its mesh is refined first; not at all when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub subdivide: Option<SubdivideRecipe>,
     /// In which poses.
     #[serde(default)]
     pub poses: PosesRecipe,
@@ -58,6 +63,7 @@ impl Default for Recipe {
         Self {
             version: VERSION,
             scene: SceneRecipe::default(),
+            subdivide: None,
             poses: PosesRecipe::default(),
             bake: BakeRecipe::default(),
             fit: FitRecipe::default(),

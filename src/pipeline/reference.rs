@@ -1,6 +1,7 @@
 //! The references that a model is measured against: two bakes of many rays and different seeds,
 //! over poses that were chosen before anything was fitted.
 
+use std::path::Path;
 use std::time::Instant;
 
 use super::bake::{bake_poses, rays_of};
@@ -13,7 +14,7 @@ use crate::bake::{self, Baker, Noise};
 use crate::dataset::{Dataset, Reference, ReferenceHeader, ReferencePose};
 use crate::num::random;
 use crate::rig::Deformed;
-use crate::scene::{self, Content, Limits};
+use crate::scene::{self, Content, Limits, Source};
 
 /// What baking the references did.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -86,18 +87,32 @@ pub fn job_of(dataset: &Dataset) -> Result<Job, Error> {
 
 /// Another job over the scene of a data set.
 pub(super) fn job_for(dataset: &Dataset, recipe: Recipe) -> Result<Job, Error> {
+    job_of_sources(dataset.sources()?, recipe, &dataset.path().join("source"))
+}
+
+/// The job of files as a data set has them; `place` is what a message calls them.
+pub(super) fn job_of_sources(
+    sources: Vec<Source>,
+    recipe: Recipe,
+    place: &Path,
+) -> Result<Job, Error> {
     let import = |sources, content| {
-        scene::import_sources_content(sources, &Limits::default(), content).map_err(|source| {
-            Error::Scene { file: dataset.path().join("source").display().to_string(), source }
-        })
+        scene::import_sources_content(sources, &Limits::default(), content)
+            .map_err(|source| Error::Scene { file: place.display().to_string(), source })
     };
-    let [own, occluders, receivers] = surroundings::part(dataset.sources()?);
+    let [own, occluders, receivers] = surroundings::part(sources);
     let other = |sources: Vec<_>| {
         if sources.is_empty() { Ok(None) } else { import(sources, Content::Shape).map(Some) }
     };
     let around = Around { occluders: other(occluders)?, receivers: other(receivers)? };
     let content = job::content(&recipe);
-    Job::among(import(own, content)?, around, recipe)
+    let scene = import(own, content)?;
+    let mut recipe = recipe;
+    // A refined scene's recipe is of the files that import draws on.
+    if recipe.subdivide.as_ref().is_some_and(|subdivide| subdivide.of.is_some()) {
+        recipe.scene.sha256.get_or_insert_with(|| hash::scene(&scene.sources));
+    }
+    Job::among(scene, around, recipe)
 }
 
 fn header(dataset: &Dataset, settings: ReferenceSettings) -> Result<ReferenceHeader, Error> {

@@ -58,7 +58,8 @@ pub(super) fn origins(document: &Value, parts: &[Part]) -> Result<Vec<Origin>, E
     let shown = shown(document);
     let mut next = parts.iter().peekable();
     let nodes = document["nodes"].as_array().map_or(&[][..], Vec::as_slice);
-    for (index, node) in nodes.iter().enumerate().filter(|(index, _)| shown.contains(index)) {
+    for (index, node) in nodes.iter().enumerate() {
+        let Some(&number) = shown.get(&index) else { continue };
         let Some(mesh) = node["mesh"].as_u64().map(|mesh| mesh as usize) else { continue };
         let instanced = !node["extensions"]["EXT_mesh_gpu_instancing"].is_null();
         let primitives = document["meshes"][mesh]["primitives"].as_array();
@@ -69,7 +70,9 @@ pub(super) fn origins(document: &Value, parts: &[Part]) -> Result<Vec<Origin>, E
                 let count =
                     positions.and_then(|p| document["accessors"][p as usize]["count"].as_u64());
                 let same = |part: &&Part| {
-                    part.primitive == at && count == Some(part.vertices.len() as u64)
+                    let here = instanced || part.node == number;
+                    let size = part.vertices.len() as u64;
+                    here && part.primitive == at && count == Some(size)
                 };
                 if next.next_if(same).is_some() {
                     found.push(Origin { node: index, mesh, primitive: at });

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use glam::Vec3;
 use serde_json::{Value, json};
 
 use super::Error;
@@ -19,6 +20,9 @@ pub struct RefinedPart {
     pub added: Vec<Mix>,
     /// What moves each of them; empty for a part without a skin.
     pub influences: Vec<Vec<Influence>>,
+    /// How far each of them lies from the place between those vertices, metres in the mesh's space;
+    /// empty where all are there.
+    pub moved: Vec<Vec3>,
     /// Corners, numbered from the part's first vertex.
     pub triangles: Vec<[u32; 3]>,
 }
@@ -90,7 +94,12 @@ impl File<'_> {
             } else if let Some(set) = name.strip_prefix("WEIGHTS_") {
                 skin.weights.push((set.to_owned(), elements));
             } else {
-                let (component, values) = extend(name, &elements, &part.added);
+                let (component, mut values) = extend(name, &elements, &part.added);
+                if name == "POSITION" {
+                    let added = values.iter_mut().skip(elements.values.len());
+                    let moved = part.moved.iter().flat_map(|moved| moved.to_array());
+                    added.zip(moved).for_each(|(value, moved)| *value += f64::from(moved));
+                }
                 *accessor = json!(self.accessor(name, component, elements.width, &values)?);
             }
         }

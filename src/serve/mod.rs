@@ -40,6 +40,7 @@ mod priority;
 mod problem;
 mod rates;
 mod recorder;
+mod refined;
 mod request;
 mod results;
 mod retention;

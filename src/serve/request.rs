@@ -111,7 +111,10 @@ impl Kind {
     fn parts(self) -> &'static [&'static str] {
         match self {
             Self::Run | Self::Bake => {
-                &["version", "scene", "poses", "bake", "fit", "target", "light", "output"]
+                const OF_SCENE: &[&str] = &[
+                    "version", "scene", "subdivide", "poses", "bake", "fit", "target", "light", "output",
+                ];
+                OF_SCENE
             }
             Self::Fit => &["version", "fit", "target", "output"],
             Self::Measure => &["version", "target"],
@@ -153,6 +156,9 @@ impl JobRequest {
         Checked::new(&request.recipe).map_err(|error| faults::of_recipe(&error))?;
         // Filled in when the recipe is resolved; what a client says here has no part in it.
         request.recipe.scene.sha256 = None;
+        if let Some(subdivide) = &mut request.recipe.subdivide {
+            subdivide.of = None;
+        }
         match request.kind {
             Kind::Run | Kind::Bake => request.check_assets()?,
             Kind::Fit | Kind::Tradeoff => check_digest("dataset", request.dataset.as_deref())?,

@@ -55,6 +55,7 @@ fn kind(name: &str) -> Option<&'static str> {
         "json" => Some("application/json"),
         "html" => Some("text/html; charset=utf-8"),
         "svg" => Some("image/svg+xml"),
+        "glb" => Some("model/gltf-binary"),
         _ => None,
     }
 }
@@ -67,6 +68,7 @@ mod tests {
     #[test]
     fn names_of_files_are_plain() {
         assert_eq!(kind("figures.json"), Some("application/json"));
+        assert_eq!(kind("refined.glb"), Some("model/gltf-binary"));
         assert_eq!(kind("report.html"), Some("text/html; charset=utf-8"));
         for bad in ["..", "../a.json", ".json", "a/b.json", "a.json.json", "a.exe", "A.json", ""] {
             assert_eq!(kind(bad), None, "{bad}");

@@ -86,7 +86,12 @@ fn own(service: &Service, id: &str, pointer: &str) -> Result<Scene, Problem> {
     let job = service.store.scene_job(id)?.ok_or_else(gone)?;
     let request: JobRequest =
         serde_json::from_str(&job.request).map_err(|error| Problem::internal(&error))?;
-    let path = service.store.folder().sources(&job.id).join(&request.recipe.scene.file);
+    let folder = service.store.folder();
+    let path = match request.recipe.subdivide {
+        None => folder.sources(&job.id).join(&request.recipe.scene.file),
+        // The mesh that the model is of.
+        Some(_) => folder.work(&job.bake).join(pipeline::REFINED),
+    };
     if path.is_file() { import(&path) } else { Err(gone()) }
 }
 

@@ -14,7 +14,7 @@ use super::recorder::Recorder;
 use super::request::{JobRequest, Kind};
 use super::store::{self, Incoming, Job, Level, hexadecimal};
 use super::words::in_fields;
-use super::{Service, StoreError, disk};
+use super::{Service, StoreError, disk, refined};
 use crate::model::Model;
 use crate::pipeline::{self, Checked, Watch, files};
 
@@ -62,6 +62,16 @@ pub(super) struct Made {
     pub(super) result: Value,
     /// The model that is to be put into its place.
     pub(super) model: Option<MadeModel>,
+}
+
+impl Made {
+    /// The result with files that can be had beside it.
+    fn with_files(mut self, files: Option<Value>) -> Self {
+        if let Some(files) = files {
+            self.result["files"] = files;
+        }
+        self
+    }
 }
 
 /// A model that is whole.
@@ -175,8 +185,24 @@ impl Stage<'_> {
         Ok(prepared)
     }
 
+    /// The mesh refined where the recipe asks for that; the files of it that are to be had.
+    fn refine(&self, prepared: pipeline::Job) -> Result<(pipeline::Job, Option<Value>), Attempt> {
+        if !prepared.is_to_be_refined() {
+            return Ok((prepared, None));
+        }
+        let work = self.service.store.folder().work(&self.job.bake);
+        let place = work.join(pipeline::REFINED);
+        refined::take_over(self.service, &pipeline::refinement_hash(&prepared), &place)?;
+        let refined = pipeline::refined(prepared, &place, &self.watch)?;
+        let record = pipeline::record_of(&place);
+        let read = |path: &Path| files::read(path, MOST_MODEL_BYTES);
+        let files =
+            self.keep(&[(pipeline::REFINED, read(&place)?), ("refined.json", read(&record)?)])?;
+        Ok((refined, Some(files)))
+    }
+
     fn run(&self) -> Result<Made, Attempt> {
-        let prepared = self.open()?;
+        let (prepared, files) = self.refine(self.open()?)?;
         let work = self.service.store.folder().work(&self.job.bake);
         let outcome = pipeline::run(&prepared, &work, &self.watch)?;
         self.service.metrics.rays(outcome.baked.rays);
@@ -187,16 +213,17 @@ impl Stage<'_> {
             (pipeline::FIGURES, read(pipeline::FIGURES)?),
             (pipeline::RECIPE, read(pipeline::RECIPE)?),
         ];
-        self.publish(&parts, Some(outcome.met))
+        let made = self.publish(&parts, Some(outcome.met))?;
+        Ok(made.with_files(files))
     }
 
     fn bake(&self) -> Result<Made, Attempt> {
-        let prepared = self.open()?;
+        let (prepared, files) = self.refine(self.open()?)?;
         let work = self.service.store.folder().work(&self.job.bake);
         let baked = pipeline::bake(&prepared, &work.join(pipeline::DATASET), &self.watch)?;
         self.service.metrics.rays(baked.rays);
         let result = json!({ "dataset": self.job.bake, "poses": baked.poses, "rays": baked.rays });
-        Ok(Made { result, model: None })
+        Ok(Made { result, model: None }.with_files(files))
     }
 
     fn fit(&self) -> Result<Made, Attempt> {

@@ -78,6 +78,46 @@ fn each_kind_does_what_its_command_does() {
     assert_eq!(server.get(&format!("/v1/models/{model}/blob"), &[]).status, 200, "models stay");
 }
 
+/// A job refines the mesh first where its recipe says so: model and refined scene are the command
+/// line's, evaluation plays the refined scene's clips, and another bake takes the refinement over.
+#[test]
+fn a_job_refines_its_mesh_first() {
+    let server = Server::start(&[]);
+    let mut recipe = small();
+    recipe["subdivide"] = json!({ "triangles": 15_000, "key_poses": 2, "rays": 2 });
+    fs::write(server.path("recipe.json"), recipe.to_string()).expect("written");
+    server.command(&["run", "figure.glb", "-o", "out", "--recipe", "recipe.json"]);
+    let plan = server.post("/v1/jobs?dry_run=true", &job(&server, &recipe), &[]).json();
+    assert!(plan["refine_rays"].as_u64() > Some(0), "{plan}");
+    let done = finish(&server, &job(&server, &recipe));
+    assert_eq!(done["hashes"]["bake"], plan["hashes"]["bake"]);
+    let model = done["result"]["href"].as_str().expect("a model").to_owned();
+    let made = |name: &str| fs::read(server.path("out").join(name)).expect("made");
+    assert!(server.get(&format!("{model}/blob"), &[]).body == made("model.safetensors"));
+    let place = done["result"]["files"]["refined.glb"].as_str().expect("a place").to_owned();
+    let scene = server.get(&place, &[]);
+    assert!(scene.body == made("refined.glb"), "the service's mesh is not the command line's");
+    assert_eq!(scene.header("content-type").as_deref(), Some("model/gltf-binary"));
+    assert!(log_of(&server, &done).contains("stage subdivide"), "{}", log_of(&server, &done));
+    let clip = json!({ "clip": { "name": "walk", "times_s": [0.5] }, "vertices": [0] });
+    let values = server.post(&format!("{model}/evaluate"), &clip, &[]);
+    assert_eq!(values.status, 200, "{}", values.text());
+
+    recipe["bake"]["rays"] = json!(4);
+    let other = finish(&server, &job(&server, &recipe));
+    assert!(!log_of(&server, &other).contains("stage subdivide"), "{}", log_of(&server, &other));
+    let there = other["result"]["files"]["refined.glb"].as_str().expect("a place");
+    assert!(server.get(there, &[]).body == scene.body);
+    for (field, value) in [("depth", json!(0)), ("triangles", json!(10)), ("surprise", json!(1))] {
+        let mut wrong = recipe.clone();
+        wrong["subdivide"][field] = value;
+        let accepted = server.post("/v1/jobs", &job(&server, &wrong), &[]);
+        assert_eq!(accepted.status, 422, "{field}: {}", accepted.text());
+        let pointer = format!("#/recipe/subdivide/{field}");
+        assert_eq!(accepted.json()["errors"][0]["pointer"], pointer, "{}", accepted.text());
+    }
+}
+
 fn log_of(server: &Server, job: &Value) -> String {
     let id = job["id"].as_str().expect("an id");
     server.get(&format!("/v1/jobs/{id}/log"), &[]).text()

@@ -34,6 +34,9 @@ pub struct Goal {
     pub error: f32,
     /// How often a triangle is split in four at most.
     pub depth: u8,
+    /// A triangle of less area is not split, in the unit of the input's areas. Where transfer jumps,
+    /// as at a contact, no depth is enough, and this is what ends it.
+    pub area: f32,
 }
 
 /// What a refinement did.
@@ -41,7 +44,7 @@ pub struct Goal {
 pub struct Work {
     /// Triangles split in four.
     pub splits: usize,
-    /// Triangles that were still worse than the goal, but split as often as they may be.
+    /// Triangles that were still worse than the goal, but as deep or as small as they may be.
     pub at_depth: usize,
     /// The largest estimate that is left.
     pub left: f32,

@@ -14,6 +14,9 @@ use crate::bake::{Error, Place};
 /// leaves unused.
 const BATCH: usize = 512;
 
+/// Splits between two words of progress.
+const TOLD_SPLITS: usize = 64;
+
 /// Where transfer comes from.
 pub trait Source: std::fmt::Debug {
     /// The transfer and the normals at some places, with their numbers in random streams.
@@ -128,7 +131,7 @@ impl<'a> Refiner<'a> {
                 self.queue.push(entry);
                 break;
             }
-            if leaf.depth >= goal.depth {
+            if self.is_finest(entry.leaf, goal) {
                 work.at_depth += 1;
                 continue;
             }
@@ -143,10 +146,19 @@ impl<'a> Refiner<'a> {
             }
             self.split(entry.leaf);
             work.splits += 1;
-            tell(after);
+            if work.splits % TOLD_SPLITS == 0 {
+                tell(after);
+            }
         }
+        tell(self.tessellation.count());
         work.left = self.queue.peek().map_or(0.0, |entry| entry.error);
         Ok(work)
+    }
+
+    /// Whether a triangle is as deep or as small as it may be.
+    fn is_finest(&self, index: usize, goal: &Goal) -> bool {
+        let leaf = self.tessellation.leaf(index);
+        leaf.depth >= goal.depth || self.areas[leaf.root as usize] * leaf.share() < goal.area
     }
 
     /// The estimate of each triangle of the hierarchy that is not split, by index.
@@ -201,7 +213,9 @@ impl<'a> Refiner<'a> {
             (1..BATCH.min(room.max(1))).map_while(|_| self.queue.pop()).collect();
         let mut wanted = self.ahead(leaf);
         for entry in next.iter().filter(|entry| entry.error > goal.error) {
-            wanted.extend(self.ahead(entry.leaf));
+            if !self.is_finest(entry.leaf, goal) {
+                wanted.extend(self.ahead(entry.leaf));
+            }
         }
         self.queue.extend(next);
         self.complete(&wanted, stop)

@@ -1,6 +1,6 @@
 //! `poselight bake`: a data set from a scene, or the cost of one.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
@@ -13,18 +13,23 @@ pub(in crate::cli) fn bake(args: &BakeArgs, watch: &Watch) -> anyhow::Result<Ans
     let mut recipe = super::start(&args.recipe)?;
     args.poses.edit(&mut recipe);
     args.bake.edit(&mut recipe)?;
+    args.refine.edit(&mut recipe);
     let chosen =
         choose_rays(args.bake.choose_rays, (&args.scene, &args.output), &mut recipe, watch)?;
     if let Some(from) = &args.from {
         pipeline::go_on(from, &mut recipe)?;
     }
-    let mut job = Job::open(&args.scene, recipe)?;
-    job.scene.notices.extend(chosen);
+    let job = Job::open(&args.scene, recipe)?;
+    let place = beside(&args.output, ".refined.glb");
     if args.dry_run {
-        pipeline::check_place(&job, &args.output)?;
+        let mut job = as_refined(job, &place)?;
+        job.scene.notices.extend(chosen);
+        check_place(&job, &args.output)?;
         tell_buried(&mut job)?;
         return Ok(planned(&job, &pipeline::plan(&job)?, false));
     }
+    let mut job = pipeline::refined(job, &place, watch)?;
+    job.scene.notices.extend(chosen);
     let from = args.from.as_deref();
     tell_buried(&mut job)?;
     let baked = pipeline::bake_from(&job, &args.output, from, watch)?;
@@ -51,10 +56,9 @@ pub(super) fn choose_rays(
     if !asked {
         return Ok(None);
     }
-    let mut pilot = output.as_os_str().to_owned();
-    pilot.push(".pilot");
-    let open = |recipe| Job::open(scene, recipe);
-    let plan = pipeline::plan_rays(open, recipe, Path::new(&pilot), watch)?;
+    // Noise is a matter of rays and poses: the scene's own mesh tells as much of it as a finer one.
+    let open = |recipe| Job::open(scene, Recipe { subdivide: None, ..recipe });
+    let plan = pipeline::plan_rays(open, recipe, &beside(output, ".pilot"), watch)?;
     plan.edit(recipe);
     let say = |c: &Planned| {
         let Planned { poses, error, noise, rays } = c;
@@ -64,6 +68,23 @@ pub(super) fn choose_rays(
     let rays = units::count(plan.pilot_rays);
     let chosen = say(&plan.choices[plan.chosen]);
     Ok(Some(format!("a pilot of {rays} rays chose {chosen} among {}", all.join("; "))))
+}
+
+/// Another output's name: the same and more.
+fn beside(output: &Path, more: &str) -> PathBuf {
+    let mut name = output.as_os_str().to_owned();
+    name.push(more);
+    name.into()
+}
+
+/// The job of the refined mesh where that is there, for a plan.
+pub(super) fn as_refined(job: Job, place: &Path) -> anyhow::Result<Job> {
+    Ok(pipeline::refined_already(&job, place)?.unwrap_or(job))
+}
+
+/// Whether a data set is of this job; of one that is yet to be refined there can be none.
+pub(super) fn check_place(job: &Job, path: &Path) -> anyhow::Result<()> {
+    if job.is_to_be_refined() { Ok(()) } else { Ok(pipeline::check_place(job, path)?) }
 }
 
 /// Adds what lies inside other geometry to the notices.
@@ -138,6 +159,14 @@ pub(super) fn planned(job: &Job, plan: &Plan, whole: bool) -> Answer {
         );
     } else {
         text += &format!("measuring a model casts {references}");
+    }
+    if plan.refine_rays > 0 {
+        text += &format!(
+            "\nrefining the mesh first: {} rays, {}; the other numbers are of the points that it may \
+             come to",
+            units::count(plan.refine_rays),
+            units::seconds(plan.refine_s),
+        );
     }
     for notice in plan.notices(job) {
         text += &format!("\n  note: {notice}");

@@ -17,7 +17,7 @@ pub(in crate::cli) fn check(args: &CheckArgs, watch: &Watch) -> anyhow::Result<A
     let bytes = files::read(&args.baseline, MOST_BASELINE_BYTES)?;
     let baseline = Baseline::read(&bytes).with_context(|| args.baseline.display().to_string())?;
     let job = Job::open(&args.scene, baseline.recipe.clone())?;
-    let outcome = run(args, &job, watch)?;
+    let (job, outcome) = run(args, job, watch)?;
     let lines = baseline.compare(&outcome.figures, f64::from(args.tolerance) / 100.0);
     let name = &job.recipe.scene.file;
     if let Some(path) = &args.junit {
@@ -39,17 +39,19 @@ pub(in crate::cli) fn check(args: &CheckArgs, watch: &Watch) -> anyhow::Result<A
 /// Runs the scene and writes down what it came to as what is approved.
 fn approve(args: &CheckArgs, watch: &Watch) -> anyhow::Result<Answer> {
     let job = Job::open(&args.scene, super::start(&args.recipe)?)?;
-    let outcome = run(args, &job, watch)?;
+    let (job, outcome) = run(args, job, watch)?;
     let baseline = Baseline::of(&job.recipe, &outcome.figures);
     files::publish(&args.baseline, &serde_json::to_vec_pretty(&baseline)?)?;
     let text = format!("{}: {} figures", args.baseline.display(), baseline.figures.len());
     Ok(Answer::new(text, json!({ "baseline": args.baseline, "figures": baseline.figures })))
 }
 
-fn run(args: &CheckArgs, job: &Job, watch: &Watch) -> anyhow::Result<pipeline::Outcome> {
+fn run(args: &CheckArgs, job: Job, watch: &Watch) -> anyhow::Result<(Job, pipeline::Outcome)> {
     let folder = tempfile::tempdir().context("no temporary folder")?;
     let output = args.output.as_deref().unwrap_or(folder.path());
-    Ok(pipeline::run(job, output, watch)?)
+    let job = pipeline::refined(job, &output.join(pipeline::REFINED), watch)?;
+    let outcome = pipeline::run(&job, output, watch)?;
+    Ok((job, outcome))
 }
 
 fn text(lines: &[Line], changed: bool) -> String {

@@ -16,15 +16,20 @@ pub(in crate::cli) fn run(args: &RunArgs, watch: &Watch) -> anyhow::Result<Answe
     args.measure.edit(&mut recipe);
     args.limits.edit(&mut recipe);
     args.pictures.edit(&mut recipe);
+    args.refine.edit(&mut recipe);
     leave_open(args, &mut recipe)?;
     let places = (args.scene.as_path(), args.output.as_path());
     let chosen = super::bake::choose_rays(args.bake.choose_rays, places, &mut recipe, watch)?;
-    let mut job = Job::open(&args.scene, recipe)?;
-    job.scene.notices.extend(chosen);
+    let job = Job::open(&args.scene, recipe)?;
+    let place = args.output.join(pipeline::REFINED);
     if args.dry_run {
-        pipeline::check_place(&job, &args.output.join(pipeline::DATASET))?;
+        let mut job = super::bake::as_refined(job, &place)?;
+        job.scene.notices.extend(chosen);
+        super::bake::check_place(&job, &args.output.join(pipeline::DATASET))?;
         return Ok(super::bake::planned(&job, &pipeline::plan(&job)?, true));
     }
+    let mut job = pipeline::refined(job, &place, watch)?;
+    job.scene.notices.extend(chosen);
     let outcome = pipeline::run(&job, &args.output, watch)?;
     let figures = &outcome.figures;
     let mut text = super::bake::summary(&job, &outcome.baked);

@@ -1,17 +1,21 @@
 //! `poselight subdivide`: a mesh refined where its transfer changes.
 
-use std::sync::atomic::AtomicBool;
+use std::time::Instant;
 
 use serde_json::json;
 
 use super::Usage;
 use crate::cli::subdivide_args::SubdivideArgs;
 use crate::cli::{Answer, units};
-use crate::pipeline::{self, Job, Subdivided, files};
+use crate::pipeline::{self, Beyond, Job, Refinement, Subdivided, Watch, files};
 use crate::render::colour;
 use crate::scene::{self, Attribute, Limits, Source};
 
-pub(in crate::cli) fn subdivide(args: &SubdivideArgs, stop: &AtomicBool) -> anyhow::Result<Answer> {
+/// Edges beyond the bound that are named, to people and to programs.
+const TOLD_EDGES: usize = 5;
+const MOST_EDGES: usize = 1000;
+
+pub(in crate::cli) fn subdivide(args: &SubdivideArgs, watch: &Watch) -> anyhow::Result<Answer> {
     super::named(&args.output, "glb")?;
     super::keep_input(&args.scene, &args.output)?;
     let mut recipe = super::start(&args.recipe)?;
@@ -21,8 +25,13 @@ pub(in crate::cli) fn subdivide(args: &SubdivideArgs, stop: &AtomicBool) -> anyh
         let told = "--choose-rays is of bakes: a refined mesh has no model";
         return Err(Usage(told.to_owned()).into());
     }
+    let mut settings = recipe.subdivide.take().unwrap_or_default();
+    args.edit(&mut settings);
+    recipe.bake.rays = settings.rays.unwrap_or(recipe.bake.rays);
     let job = Job::open(&args.scene, recipe)?;
-    let refinement = args.refinement(job.scene.mesh.triangles.len())?;
+    let given = job.scene.mesh.triangles.len();
+    let refinement = Refinement::of(&job, &settings)?;
+    let refinement = Refinement { probes: args.probes, ..refinement };
     if args.dry_run {
         let plan = pipeline::plan_subdivision(&job, &refinement)?;
         let text = format!(
@@ -35,10 +44,12 @@ pub(in crate::cli) fn subdivide(args: &SubdivideArgs, stop: &AtomicBool) -> anyh
         let json = json!({ "vertices": plan.vertices, "views": plan.views, "rays": plan.rays, "bake_s": plan.bake_s });
         return Ok(Answer::new(text, json));
     }
-    let done = pipeline::subdivide(&job, &refinement, stop, &mut |_| ())?;
+    let start = Instant::now();
+    let mut tell = |triangles| (watch.report)(refinement.progress(given, triangles, start));
+    let done = pipeline::subdivide(&job, &refinement, watch.cancelled, &mut tell)?;
     let glb = with_attributes(&job, &done, args)?;
     files::publish(&args.output, &glb)?;
-    Ok(Answer::new(text(args, &done), figures(args, &job, &done)))
+    Ok(Answer::new(text(args, &job, &done), figures(args, &job, &done)))
 }
 
 /// The refined file with what was asked for beside; it must import before it gets its name.
@@ -69,7 +80,7 @@ fn with_attributes(job: &Job, done: &Subdivided, args: &SubdivideArgs) -> anyhow
     Ok(scene::attach(&done.glb, &refined.mesh.parts, &attributes)?)
 }
 
-fn text(args: &SubdivideArgs, done: &Subdivided) -> String {
+fn text(args: &SubdivideArgs, job: &Job, done: &Subdivided) -> String {
     let Subdivided { triangles, vertices, work, deviation, .. } = done;
     let mut text = format!(
         "{}\n  {} triangles from {}, {} vertices from {}; {} splits over {} key poses, {} vertices baked in vain",
@@ -93,7 +104,7 @@ fn text(args: &SubdivideArgs, done: &Subdivided) -> String {
     }
     if work.at_depth > 0 {
         text += &format!(
-            "\n  note: {} triangles are split as often as they may be (--max-depth) and still worse than asked for",
+            "\n  note: {} triangles are as fine as they may be (--max-depth, --min-edge) and still worse than asked for",
             units::count(work.at_depth as u64)
         );
     }
@@ -105,10 +116,37 @@ fn text(args: &SubdivideArgs, done: &Subdivided) -> String {
         );
     }
     if deviation.beyond > 0 {
+        text += &format!(
+            "; {} vertices on {} edges are beyond the bound",
+            units::count(deviation.beyond as u64),
+            units::count(done.beyond.len() as u64)
+        );
+    }
+    for edge in done.beyond.iter().take(TOLD_EDGES) {
+        text += &format!("\n    {}", named(job, edge));
+    }
+    let rest = done.beyond.len().saturating_sub(TOLD_EDGES);
+    if rest > 0 {
         text +=
-            &format!("; {} vertices are beyond the bound", units::count(deviation.beyond as u64));
+            &format!("\n    and {} more (--json names {MOST_EDGES})", units::count(rest as u64));
     }
     text
+}
+
+/// An edge that cannot meet the bound, in words.
+fn named(job: &Job, edge: &Beyond) -> String {
+    let kind = if edge.vertices.len() == 2 { "edge" } else { "inside of triangle" };
+    let vertices: Vec<String> = edge.vertices.iter().map(usize::to_string).collect();
+    let sample = &job.poses.samples[edge.pose];
+    let clip = job.poses.clip_names.get(sample.clip).map_or("the default pose", String::as_str);
+    format!(
+        "mesh {:?}, primitive {}, {kind} {}: {:.2e} m in {clip} at {:.2} s",
+        edge.mesh,
+        edge.primitive,
+        vertices.join("–"),
+        edge.most_m,
+        sample.time_s
+    )
 }
 
 fn figures(args: &SubdivideArgs, job: &Job, done: &Subdivided) -> serde_json::Value {
@@ -116,8 +154,12 @@ fn figures(args: &SubdivideArgs, job: &Job, done: &Subdivided) -> serde_json::Va
         let sample = &job.poses.samples[pose];
         json!({ "clip": job.poses.clip_names.get(sample.clip), "time_s": sample.time_s })
     };
+    let edge = |edge: &Beyond| {
+        let pose = key_pose(&edge.pose);
+        json!({ "mesh": edge.mesh, "primitive": edge.primitive, "vertices": edge.vertices, "new_vertices": edge.count, "max_m": edge.most_m, "pose": pose })
+    };
     let fidelity = done.fidelity.map(|both| {
-        both.map(|one| json!({ "rms": one.rms, "max": one.most, "worst_triangle": one.worst }))
+        both.map(|one| json!({ "rms": one.rms, "rms_with_noise": one.with_noise, "max": one.most, "worst_triangle": one.worst }))
     });
     json!({
         "output": args.output,
@@ -132,6 +174,8 @@ fn figures(args: &SubdivideArgs, job: &Job, done: &Subdivided) -> serde_json::Va
             "max_m": done.deviation.most_m,
             "beyond_bound": done.deviation.beyond,
             "fitted": done.deviation.fitted,
+            "edges_beyond": done.beyond.len(),
+            "edges": done.beyond.iter().take(MOST_EDGES).map(edge).collect::<Vec<_>>(),
         },
         "interpolation_error": fidelity,
         "probe_noise": done.probe_noise,

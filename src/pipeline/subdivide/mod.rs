@@ -1,40 +1,41 @@
 //! A scene's mesh refined where its transfer changes.
 
+mod beyond;
+mod budget;
 mod plan;
+mod settings;
 mod skin;
+mod smooth;
 mod source;
+mod stage;
 
+use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
 use crate::bake::subdivide::{
-    ErrorMeasure, Fidelity, Goal, Leaf, Probes, Refined, Refiner, Row, Source, Tessellation, Work,
+    Fidelity, Leaf, Probes, Refined, Refiner, Row, Source, Tessellation, Work,
 };
 use crate::bake::{self, Baker, MOST_RAYS, Place, Standing};
 use crate::rig::{Deformed, Mix};
 use crate::scene::{self, RefinedPart};
 
+pub use beyond::Beyond;
+pub(super) use plan::{Growth, growth};
 pub use plan::{SubdivisionPlan, plan_subdivision};
+pub use settings::Refinement;
+pub(super) use settings::checked;
+pub use stage::{
+    REFINED, RefinedRecord, hash_of as refinement_hash, is_refinement, record_of, refined,
+    refined_already,
+};
 
 use super::{Error, Job, RecipeError};
+use skin::Skinned;
+use smooth::Shape;
 use source::{Surface, Views};
 
 /// Rays of a probe, in those of a vertex.
 const PROBE_RAYS: u32 = 16;
-
-/// What to refine, and how far.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Refinement {
-    /// When to stop.
-    pub goal: Goal,
-    /// What orders the queue.
-    pub measure: ErrorMeasure,
-    /// Key poses, chosen by coverage of the job's poses.
-    pub key_poses: usize,
-    /// How far skinning may take a new vertex off its triangle, in sizes of the character.
-    pub bound: f32,
-    /// Places at which interpolation is compared with the truth before and after; 0 for none.
-    pub probes: usize,
-}
 
 /// A refined scene.
 #[derive(Debug)]
@@ -54,6 +55,8 @@ pub struct Subdivided {
     /// Of the new vertices: the largest distance from the posed triangle, metres; how many are beyond
     /// the bound, and how many have fitted weights.
     pub deviation: Deviation,
+    /// The edges of the input that cannot meet the bound, the worst first.
+    pub beyond: Vec<Beyond>,
     /// The character's size, metres.
     pub size_m: f32,
     /// Interpolation error before and after, where that was asked for.
@@ -78,7 +81,18 @@ pub struct Deviation {
     pub fitted: usize,
 }
 
-/// Refines the mesh of a job's scene, whose main file must be a GLB.
+impl Deviation {
+    fn of(skinned: &Skinned, bound_m: f32) -> Self {
+        let all = || skinned.deviations.iter().map(|off| off.most_m);
+        Self {
+            most_m: all().fold(0.0, f32::max),
+            beyond: all().filter(|&off_m| off_m > bound_m).count(),
+            fitted: skinned.fitted,
+        }
+    }
+}
+
+/// Refines the mesh of a job's scene, whose main file must be a glTF.
 ///
 /// # Errors
 /// What import, bake and file object to; [`Error::Stopped`].
@@ -90,11 +104,8 @@ pub fn subdivide(
 ) -> Result<Subdivided, Error> {
     direct(job)?;
     let mesh = &job.scene.mesh;
-    let file = || job.recipe.scene.file.clone();
-    let in_file = |source| Error::Scene { file: file(), source };
-    let main = job.scene.sources.first().map_or(&[][..], |source| &source.bytes);
-    let origins = scene::primitives(main, &mesh.parts).map_err(in_file)?;
-    let surface = Surface::new(mesh, &origins);
+    let file = whole(job)?;
+    let surface = surface(job, &file, refinement)?;
     let key_poses = job.poses.covering(refinement.key_poses);
     let baker = job.baker(&job.checked.bake, None)?;
     let posed: Vec<Deformed> = key_poses.iter().map(|&pose| job.traced(pose)).collect();
@@ -111,8 +122,11 @@ pub fn subdivide(
     let refined = refiner.finish(stop)?;
     let after = probes.as_ref().map(|probes| probes.compare(&refined.triangles, &refined.rows));
     let all = place_all(&surface, &refined);
-    let (parts, deviation) = parts(job, &surface, (&refined, &all), &key_poses, refinement.bound);
-    let glb = scene::refine(main, mesh, &parts).map_err(in_file)?;
+    let (parts, skinned) = parts(job, &surface, (&refined, &all), &key_poses, refinement);
+    let bound_m = refinement.bound * job.poses.size_m;
+    let off = (&skinned.deviations[..], bound_m);
+    let beyond = beyond::beyond(job, &surface, &refined.places, off);
+    let glb = scene::refine(&file, mesh, &parts).map_err(|source| in_file(job, source))?;
     Ok(Subdivided {
         glb,
         work,
@@ -120,13 +134,40 @@ pub fn subdivide(
         vertices: [surface.weld.len(), refined.rows.len()],
         in_vain: refined.in_vain,
         key_poses,
-        deviation,
+        deviation: Deviation::of(&skinned, bound_m),
+        beyond,
         size_m: job.poses.size_m,
         probe_noise: probes.as_ref().map(Probes::noise),
         fidelity: before.zip(after).map(|(before, after)| [before, after]),
         values: values(&surface, &refined, &all),
         errors: errors(&refined, &all),
     })
+}
+
+/// The scene's primitives, each once, within the budgets.
+fn surface(job: &Job, file: &[u8], refinement: &Refinement) -> Result<Surface, Error> {
+    let parts = &job.scene.mesh.parts;
+    let origins = scene::primitives(file, parts).map_err(|source| in_file(job, source))?;
+    let surface = Surface::new(&job.scene.mesh, &origins);
+    refinement.check_room(surface.triangles.len(), surface.weld.len())?;
+    Ok(surface)
+}
+
+/// Whether a job's scene can be refined as its recipe says, where it says that.
+pub(super) fn check_scene(job: &Job) -> Result<(), Error> {
+    match job.recipe.subdivide.as_ref().filter(|_| job.is_to_be_refined()) {
+        None => Ok(()),
+        Some(recipe) => surface(job, &whole(job)?, &Refinement::of(job, recipe)?).map(drop),
+    }
+}
+
+/// The file that is written into: the scene's, its buffers taken in.
+fn whole(job: &Job) -> Result<Cow<'_, [u8]>, Error> {
+    scene::as_glb(&job.scene.sources).map_err(|source| in_file(job, source))
+}
+
+fn in_file(job: &Job, source: scene::Error) -> Error {
+    Error::Scene { file: job.recipe.scene.file.clone(), source }
 }
 
 /// Places between vertices, with more rays than those have.
@@ -251,8 +292,8 @@ fn parts(
     surface: &Surface,
     (refined, all): (&Refined, &[Placed]),
     key_poses: &[usize],
-    bound: f32,
-) -> (Vec<RefinedPart>, Deviation) {
+    refinement: &Refinement,
+) -> (Vec<RefinedPart>, Skinned) {
     let mesh = &job.scene.mesh;
     let part_of = |primitive: usize| surface.primitives[primitive].parts[0];
     let mut parts: Vec<RefinedPart> = (0..surface.primitives.len())
@@ -260,6 +301,7 @@ fn parts(
             part: part_of(primitive),
             added: Vec::new(),
             influences: Vec::new(),
+            moved: Vec::new(),
             triangles: Vec::new(),
         })
         .collect();
@@ -274,26 +316,26 @@ fn parts(
             Mix { vertices, weights: place.weights }
         })
         .collect();
-    let bound_m = bound * job.poses.size_m;
-    let skinned = skin::bind(job, &mixes, key_poses, bound_m);
-    for ((place, mix), influences) in refined.places.iter().zip(&mixes).zip(&skinned.influences) {
+    let shape = match refinement.smooth {
+        true => Shape::smooth(mesh, surface, &refined.places),
+        false => Shape::flat(),
+    };
+    let moved = shape.moved(mesh, &mixes);
+    let bound_m = refinement.bound * job.poses.size_m;
+    let skinned = skin::bind(job, (&mixes, &shape), key_poses, bound_m);
+    for (index, (place, mix)) in refined.places.iter().zip(&mixes).enumerate() {
         let primitive = surface.primitive_of(place.triangle);
         let start = mesh.parts[part_of(primitive)].vertices.start as u32;
         let own = Mix { vertices: mix.vertices.map(|vertex| vertex - start), ..*mix };
         parts[primitive].added.push(own);
-        parts[primitive].influences.push(influences.clone());
+        parts[primitive].influences.push(skinned.influences[index].clone());
+        parts[primitive].moved.extend(moved.get(index));
     }
     for leaf in &refined.triangles {
         let corners = leaf.corners.map(|vertex| all[vertex as usize].number);
         parts[surface.primitive_of(leaf.root)].triangles.push(corners);
     }
-    let deviations = &skinned.deviations;
-    let deviation = Deviation {
-        most_m: deviations.iter().copied().fold(0.0, f32::max),
-        beyond: deviations.iter().filter(|&&deviation| deviation > bound_m).count(),
-        fitted: skinned.fitted,
-    };
-    (parts, deviation)
+    (parts, skinned)
 }
 
 /// The first view's transfer by primitive and number, as import numbers the result.

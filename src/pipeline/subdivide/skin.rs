@@ -2,54 +2,123 @@
 //!
 //! Skinning is bilinear in weights and positions: with the mean of its corners' weights a new vertex
 //! is exact at rest and leaves the posed triangle elsewhere. Where it does so by more than a bound,
-//! its weights are fitted: min over w of Σ over key poses ‖Σ_j w_j M_j p − x‖² with w ≥ 0, Σ w = 1,
-//! x the place on the posed triangle.
+//! its weights are fitted: min over w of the largest ‖Σ_j w_j M_j p − x‖ over key poses with w ≥ 0,
+//! Σ w = 1, x the place on the posed triangle, by least squares whose poses are weighed by what is
+//! left of them (Lawson 1961), over the joints of its corners and of the triangles around them.
+//! What no such weights reach stays where the mean has it, or as near as they come: the corners of an
+//! edge that turn against one another by θ leave a chord that no blend of their motions passes through.
+
+use std::collections::HashMap;
 
 use glam::Vec3;
 
+use super::smooth::Shape;
 use crate::pipeline::Job;
 use crate::rig::{Deformed, Influence, Mesh, Mix, deform};
 
 /// Steps of the projected gradient; each costs the square of a dozen joints at most.
-const STEPS: usize = 300;
+const STEPS: usize = 200;
+
+/// Times that the poses are weighed anew.
+const ROUNDS: usize = 6;
+
+/// Joints that a fit looks at.
+const MOST_CANDIDATES: usize = 12;
+
+/// How far a new vertex leaves the surface.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Off {
+    /// Metres, the most over the key poses.
+    pub(super) most_m: f32,
+    /// Which of them that is.
+    pub(super) pose: usize,
+}
 
 /// What moves the new vertices, and how far they leave the surface.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Skinned {
     /// Of each new vertex.
     pub(super) influences: Vec<Vec<Influence>>,
-    /// Of each new vertex, metres, the most over the key poses.
-    pub(super) deviations: Vec<f32>,
+    /// Of each new vertex.
+    pub(super) deviations: Vec<Off>,
     /// How many were fitted.
     pub(super) fitted: usize,
 }
 
 /// Finds the influences of new vertices.
-pub(super) fn bind(job: &Job, mixes: &[Mix], poses: &[usize], bound_m: f32) -> Skinned {
+pub(super) fn bind(
+    job: &Job,
+    (mixes, shape): (&[Mix], &Shape),
+    poses: &[usize],
+    bound_m: f32,
+) -> Skinned {
     let mesh = &job.scene.mesh;
     let mean: Vec<Vec<Influence>> = mixes.iter().map(|mix| mesh.mixed_influences(mix)).collect();
     let kept = |(mix, all): (&Mix, &Vec<Influence>)| trimmed(all.clone(), room(mesh, mix));
     let mut influences: Vec<Vec<Influence>> = mixes.iter().zip(&mean).map(kept).collect();
-    let wanted = targets(job, mixes, poses);
-    let mut deviations = deviations(job, mixes, &influences, poses, &wanted);
+    let wanted = targets(job, (mixes, shape), poses);
+    let moved = shape.moved(mesh, mixes);
+    let mut deviations = deviations(job, (mixes, &moved), &influences, poses, &wanted);
     let mut fitted = 0;
-    let far: Vec<usize> = (0..mixes.len()).filter(|&i| deviations[i] > bound_m).collect();
+    let far: Vec<usize> = (0..mixes.len()).filter(|&i| deviations[i].most_m > bound_m).collect();
     if !far.is_empty() {
+        let around = Around::new(mesh);
         let list: Vec<Mix> = far.iter().map(|&i| mixes[i]).collect();
-        let candidates: Vec<Vec<Influence>> = far.iter().map(|&i| mean[i].clone()).collect();
+        let moved: Vec<Vec3> = far.iter().filter_map(|&i| moved.get(i).copied()).collect();
+        let list = (&list[..], &moved[..]);
+        let candidates: Vec<Vec<Influence>> =
+            far.iter().map(|&i| around.candidates(mesh, &mixes[i], &mean[i])).collect();
         let targets: Vec<Vec<Vec3>> =
             wanted.iter().map(|pose| far.iter().map(|&i| pose[i]).collect()).collect();
-        let better = fit(job, &list, &candidates, poses, &targets);
-        let after = self::deviations(job, &list, &better, poses, &targets);
+        let better = fit(job, list, &candidates, poses, &targets);
+        let after = self::deviations(job, list, &better, poses, &targets);
         for ((i, weights), deviation) in far.into_iter().zip(better).zip(after) {
-            // The least squares over poses may trade the largest deviation for a smaller sum.
-            if deviation < deviations[i] {
+            if deviation.most_m < deviations[i].most_m {
                 (influences[i], deviations[i]) = (weights, deviation);
                 fitted += 1;
             }
         }
     }
     Skinned { influences, deviations, fitted }
+}
+
+/// The joints of the triangles around each vertex.
+struct Around {
+    joints: HashMap<u32, Vec<u32>>,
+}
+
+impl Around {
+    fn new(mesh: &Mesh) -> Self {
+        let mut joints: HashMap<u32, Vec<u32>> = HashMap::new();
+        for triangle in &mesh.triangles {
+            let of_all = triangle.iter().flat_map(|&v| mesh.influences_of(v as usize));
+            let all: Vec<u32> = of_all.map(|influence| influence.deformer).collect();
+            for &vertex in triangle {
+                let own = joints.entry(vertex).or_default();
+                own.extend(&all);
+                own.sort_unstable();
+                own.dedup();
+            }
+        }
+        Self { joints }
+    }
+
+    /// The corners' own with their mean weights, then those around them with none.
+    fn candidates(&self, mesh: &Mesh, mix: &Mix, mean: &[Influence]) -> Vec<Influence> {
+        let mut all = mean.to_vec();
+        // Of a rigid part nothing else may take hold.
+        if mix.parts().all(|(vertex, _)| mesh.influences_of(vertex).len() == 1) && mean.len() == 1 {
+            return all;
+        }
+        let around = mix.parts().filter_map(|(vertex, _)| self.joints.get(&(vertex as u32)));
+        for &deformer in around.flatten() {
+            if all.iter().all(|one| one.deformer != deformer) {
+                all.push(Influence { deformer, weight: 0.0 });
+            }
+        }
+        all.truncate(MOST_CANDIDATES.max(mean.len()));
+        all
+    }
 }
 
 /// At most four influences, or as many as the corners have.
@@ -68,30 +137,41 @@ fn trimmed(mut influences: Vec<Influence>, most: usize) -> Vec<Influence> {
 }
 
 /// `[pose][vertex]` The places on the posed triangles.
-fn targets(job: &Job, mixes: &[Mix], poses: &[usize]) -> Vec<Vec<Vec3>> {
+fn targets(job: &Job, (mixes, shape): (&[Mix], &Shape), poses: &[usize]) -> Vec<Vec<Vec3>> {
     let one = |&pose: &usize| {
-        let posed = job.deformed(pose);
-        mixes.iter().map(|mix| mix.of(&posed.positions)).collect()
+        let Deformed { positions, normals } = job.deformed(pose);
+        let place = |(i, mix)| shape.place(i, mix, &positions, &normals);
+        mixes.iter().enumerate().map(place).collect()
     };
     poses.iter().map(one).collect()
 }
 
 fn deviations(
     job: &Job,
-    mixes: &[Mix],
+    (mixes, moved): (&[Mix], &[Vec3]),
     influences: &[Vec<Influence>],
     poses: &[usize],
     wanted: &[Vec<Vec3>],
-) -> Vec<f32> {
-    let mut most = vec![0.0_f32; mixes.len()];
-    let new = job.scene.mesh.between(mixes, influences);
+) -> Vec<Off> {
+    let mut most = vec![Off::default(); mixes.len()];
+    let new = between(&job.scene.mesh, mixes, influences, moved);
     for (&pose, wanted) in poses.iter().zip(wanted) {
         let placed = posed(job, &new, pose);
         for ((most, found), wanted) in most.iter_mut().zip(placed.positions).zip(wanted) {
-            *most = most.max((found - *wanted).length());
+            let off_m = (found - *wanted).length();
+            if off_m > most.most_m {
+                *most = Off { most_m: off_m, pose };
+            }
         }
     }
     most
+}
+
+/// New vertices alone, each as far from its place between others as `moved` says, where it says that.
+fn between(mesh: &Mesh, mixes: &[Mix], influences: &[Vec<Influence>], moved: &[Vec3]) -> Mesh {
+    let mut new = mesh.between(mixes, influences);
+    new.positions.iter_mut().zip(moved).for_each(|(position, moved)| *position += *moved);
+    new
 }
 
 fn posed(job: &Job, mesh: &Mesh, pose: usize) -> Deformed {
@@ -102,15 +182,15 @@ fn posed(job: &Job, mesh: &Mesh, pose: usize) -> Deformed {
     out
 }
 
-/// Weights by least squares over the candidates' joints: on all of them, then on the heaviest.
+/// Weights over the candidates' joints: of all of them, then of the heaviest.
 fn fit(
     job: &Job,
-    mixes: &[Mix],
+    (mixes, moved): (&[Mix], &[Vec3]),
     candidates: &[Vec<Influence>],
     poses: &[usize],
     wanted: &[Vec<Vec3>],
 ) -> Vec<Vec<Influence>> {
-    let places = alone(job, mixes, candidates, poses);
+    let places = alone(job, (mixes, moved), candidates, poses);
     let mut start = 0;
     let one = |(i, list): (usize, &Vec<Influence>)| {
         let own = start..start + list.len();
@@ -120,7 +200,7 @@ fn fit(
         let target: Vec<Vec3> = wanted.iter().map(|pose| pose[i]).collect();
         let solve = |list: &[Influence], columns: &[Vec<Vec3>]| {
             let weights: Vec<f64> = list.iter().map(|one| f64::from(one.weight)).collect();
-            let solved = simplex(columns, &target, weights);
+            let solved = minimax(columns, &target, weights);
             let with = |(one, weight): (&Influence, f64)| Influence {
                 deformer: one.deformer,
                 weight: weight as f32,
@@ -141,29 +221,69 @@ fn fit(
 /// `[pose][vertex and joint]` Where each joint alone would take each vertex.
 fn alone(
     job: &Job,
-    mixes: &[Mix],
+    (mixes, moved): (&[Mix], &[Vec3]),
     candidates: &[Vec<Influence>],
     poses: &[usize],
 ) -> Vec<Vec<Vec3>> {
-    let mut repeated = Vec::new();
-    let mut single = Vec::new();
-    for (mix, list) in mixes.iter().zip(candidates) {
+    let (mut repeated, mut away, mut single) = (Vec::new(), Vec::new(), Vec::new());
+    for (i, (mix, list)) in mixes.iter().zip(candidates).enumerate() {
         for one in list {
             repeated.push(*mix);
+            away.extend(moved.get(i));
             single.push(vec![Influence { deformer: one.deformer, weight: 1.0 }]);
         }
     }
-    let mesh = job.scene.mesh.between(&repeated, &single);
+    let mesh = between(&job.scene.mesh, &repeated, &single, &away);
     poses.iter().map(|&pose| posed(job, &mesh, pose).positions).collect()
 }
 
-/// min ‖Σ_j w_j column_j − target‖² over the simplex, by projected gradients from `weights`.
-fn simplex(columns: &[Vec<Vec3>], target: &[Vec3], mut weights: Vec<f64>) -> Vec<f64> {
+/// min over the simplex of the largest ‖Σ_j w_j column_j − target‖ over the poses: the best of some
+/// rounds of least squares, each weighing the poses by what the one before left of them.
+fn minimax(columns: &[Vec<Vec3>], target: &[Vec3], start: Vec<f64>) -> Vec<f64> {
+    let mut shares = vec![1.0 / target.len().max(1) as f64; target.len()];
+    let mut best = (f64::INFINITY, start.clone());
+    let mut weights = start;
+    for _ in 0..ROUNDS {
+        weights = simplex(columns, target, &shares, weights);
+        let left = left(columns, target, &weights);
+        let most = left.iter().copied().fold(0.0, f64::max);
+        if most < best.0 {
+            best = (most, weights.clone());
+        }
+        shares.iter_mut().zip(&left).for_each(|(share, left)| *share *= left);
+        let sum: f64 = shares.iter().sum();
+        if sum <= 0.0 {
+            break;
+        }
+        shares.iter_mut().for_each(|share| *share /= sum);
+    }
+    best.1
+}
+
+/// ‖Σ_j w_j column_j − target‖ of each pose.
+fn left(columns: &[Vec<Vec3>], target: &[Vec3], weights: &[f64]) -> Vec<f64> {
+    let one = |(pose, target): (usize, &Vec3)| {
+        let terms = columns.iter().zip(weights).map(|(column, &weight)| {
+            // About the target, so that large coordinates do not cancel.
+            (column[pose] - *target).as_dvec3() * weight
+        });
+        terms.sum::<glam::DVec3>().length()
+    };
+    target.iter().enumerate().map(one).collect()
+}
+
+/// min Σ over poses of share · ‖Σ_j w_j column_j − target‖² over the simplex, by projected gradients
+/// from `weights`.
+fn simplex(
+    columns: &[Vec<Vec3>],
+    target: &[Vec3],
+    shares: &[f64],
+    mut weights: Vec<f64>,
+) -> Vec<f64> {
     let n = columns.len();
     let dot = |a: &[Vec3], b: &[Vec3]| -> f64 {
-        // About the target, so that large coordinates do not cancel.
-        let both = a.iter().zip(b).zip(target);
-        both.map(|((a, b), t)| (*a - *t).as_dvec3().dot((*b - *t).as_dvec3())).sum()
+        let both = a.iter().zip(b).zip(target).zip(shares);
+        both.map(|(((a, b), t), s)| s * (*a - *t).as_dvec3().dot((*b - *t).as_dvec3())).sum()
     };
     let gram: Vec<f64> = (0..n * n).map(|at| dot(&columns[at / n], &columns[at % n])).collect();
     let trace: f64 = (0..n).map(|i| gram[i * n + i]).sum();
@@ -214,12 +334,25 @@ mod tests {
         let mixed: Vec<Vec3> = (0..2)
             .map(|pose| 0.2 * columns[0][pose] + 0.5 * columns[1][pose] + 0.3 * columns[2][pose])
             .collect();
-        let weights = simplex(&columns, &mixed, vec![1.0 / 3.0; 3]);
+        let weights = simplex(&columns, &mixed, &[0.5; 2], vec![1.0 / 3.0; 3]);
         for (weight, expected) in weights.iter().zip([0.2, 0.5, 0.3]) {
             assert!((weight - expected).abs() < 1e-3, "{weights:?}");
         }
         let far = [Vec3::X * 9.0, Vec3::Y * 9.0];
-        let weights = simplex(&columns, &far, vec![1.0 / 3.0; 3]);
+        let weights = simplex(&columns, &far, &[0.5; 2], vec![1.0 / 3.0; 3]);
         assert!(weights[1] > 0.999, "{weights:?}");
+    }
+
+    /// The largest distance is what is made small: of a pose seen three times and one seen once, least
+    /// squares favours the many, the other lies in the middle of both.
+    #[test]
+    fn the_largest_deviation_counts() {
+        let columns = vec![vec![Vec3::ZERO; 4], vec![Vec3::X; 4]];
+        let target = [Vec3::ZERO, Vec3::ZERO, Vec3::ZERO, Vec3::X];
+        let squares = simplex(&columns, &target, &[0.25; 4], vec![0.5; 2]);
+        assert!((squares[0] - 0.75).abs() < 1e-3, "{squares:?}");
+        let fitted = minimax(&columns, &target, vec![0.5; 2]);
+        let most = |w: &[f64]| left(&columns, &target, w).into_iter().fold(0.0, f64::max);
+        assert!(most(&fitted) < 0.51 && most(&squares) > 0.74, "{fitted:?}");
     }
 }

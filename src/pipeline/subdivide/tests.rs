@@ -2,7 +2,10 @@ use std::sync::atomic::AtomicBool;
 
 use serde_json::json;
 
+mod bad_input;
+
 use super::*;
+use crate::bake::subdivide::{ErrorMeasure, Goal};
 use crate::pipeline::recipe::{Recipe, SignalName};
 use crate::scene::{Limits, Scene, Source as File, import_sources};
 
@@ -51,6 +54,10 @@ fn column() -> Vec<u8> {
         "bufferViews": views, "accessors": accessors, "meshes": [{"primitives": primitives}],
         "nodes": [{"mesh": 0}], "scenes": [{"nodes": [0]}], "extras": {"kept": true},
     });
+    glb(&document, binary)
+}
+
+fn glb(document: &serde_json::Value, binary: Vec<u8>) -> Vec<u8> {
     let mut text = document.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
     let length = 12 + 8 + text.len() + 8 + binary.len();
@@ -75,8 +82,8 @@ fn job(rays: u32) -> Job {
 }
 
 fn refinement(measure: ErrorMeasure, triangles: usize) -> Refinement {
-    let goal = Goal { triangles, vertices: usize::MAX, error: 0.0, depth: 8 };
-    Refinement { goal, measure, key_poses: 4, bound: 1e-3, probes: 800 }
+    let goal = Goal { triangles, vertices: usize::MAX, error: 0.0, depth: 8, area: 0.0 };
+    Refinement { goal, measure, key_poses: 4, bound: 1e-3, smooth: false, probes: 800 }
 }
 
 fn refined(job: &Job, measure: ErrorMeasure, triangles: usize) -> Subdivided {

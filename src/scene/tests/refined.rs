@@ -35,6 +35,7 @@ fn halved(influences: Vec<Influence>) -> RefinedPart {
         part: 0,
         added: vec![Mix { vertices: [0, 1, 2], weights: [0.5, 0.5, 0.0] }],
         influences: vec![influences],
+        moved: Vec::new(),
         triangles: vec![[0, 3, 2], [3, 1, 2]],
     }
 }
