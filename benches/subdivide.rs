@@ -1,10 +1,14 @@
-//! `cargo bench --bench subdivide [-- RAYS]`: what adaptive subdivision saves.
+//! `cargo bench --bench subdivide [-- RAYS] [SCENE]`: what adaptive subdivision saves, for all scenes or
+//! those with SCENE in their names.
 //!
 //! For each scene and number of triangles: the L² interpolation error (transfer of order 6, against
-//! places between the vertices baked with 16 times the rays) of no subdivision, of uniform
-//! subdivision, and of each measure over that of the uniform one. Then what refining from 5,000 to
-//! 50,000 triangles costs over baking the final vertices. The column on a plane is made here (246
-//! triangles, after SUB04 figure 1); the other scenes come from the folder that POSELIGHT_ASSETS names.
+//! places between the vertices baked with 4 times the rays, the noise of both taken off) of no
+//! subdivision, of uniform subdivision, and of each measure over that of the uniform one. "(4) ends" is
+//! (4) with a smallest triangle, an eighth as wide as those of a uniform mesh of the budget; "(4) A" is
+//! (4) times the root of the area. Then how the error falls as the budget grows, and what refining from
+//! 5,000 to 50,000 triangles costs over baking the final vertices. The column on a plane is made here
+//! (246 triangles, after SUB04 figure 1); the other scenes come from the folder that POSELIGHT_ASSETS
+//! names.
 
 #![expect(clippy::print_stdout, reason = "a benchmark prints its tables")]
 #![expect(clippy::unwrap_used, reason = "a benchmark ends where something fails")]
@@ -20,33 +24,68 @@ use poselight::pipeline::recipe::surroundings::GroundRecipe;
 use poselight::pipeline::{Job, Refinement, Subdivided, subdivide};
 use serde_json::json;
 
-const MEASURES: [(&str, ErrorMeasure); 6] = [
-    ("uniform", ErrorMeasure::Uniform),
-    ("(2)", ErrorMeasure::Contrast),
-    ("(3)", ErrorMeasure::Distance),
-    ("(4)", ErrorMeasure::Curvature { a: 1.0, printed: false }),
-    ("surplus", ErrorMeasure::Surplus),
-    ("midpoint", ErrorMeasure::Midpoint),
+const PRINTED: ErrorMeasure = ErrorMeasure::Curvature { a: 1.0, printed: false, by_area: false };
+const BY_AREA: ErrorMeasure = ErrorMeasure::Curvature { a: 1.0, printed: false, by_area: true };
+
+/// Name, measure, and whether there is a smallest triangle.
+const MEASURES: [(&str, ErrorMeasure, bool); 8] = [
+    ("uniform", ErrorMeasure::Uniform, false),
+    ("(2)", ErrorMeasure::Contrast, false),
+    ("(3)", ErrorMeasure::Distance, false),
+    ("(4)", PRINTED, false),
+    ("(4) ends", PRINTED, true),
+    ("(4) A", BY_AREA, false),
+    ("surplus", ErrorMeasure::Surplus, false),
+    ("midpoint", ErrorMeasure::Midpoint, false),
 ];
+
+/// Places between vertices: most of the error is in few of them.
+const PROBES: usize = 16_000;
 
 fn main() {
     let rays = std::env::args().find_map(|arg| arg.parse().ok()).unwrap_or(1024);
     let folder = tempfile::tempdir().unwrap();
     let column = folder.path().join("column.glb");
     std::fs::write(&column, column_on_a_plane()).unwrap();
-    println!(
-        "transfer of order 6, {rays} rays, {} threads\n\n| scene | triangles | none | uniform | (2) | (3) | (4) | surplus | midpoint | noise |\n|---|---|---|---|---|---|---|---|---|---|",
-        rayon::current_num_threads()
-    );
-    compare(&column, rays, &[4, 16, 64]);
+    println!("transfer of order 6, {rays} rays, {} threads\n", rayon::current_num_threads());
+    let names: Vec<&str> = MEASURES.iter().map(|(name, ..)| *name).collect();
+    println!("| scene | triangles | none | {} | noise |", names.join(" | "));
+    println!("|---|---|---|{}---|", "---|".repeat(MEASURES.len()));
+    let mut scenes = vec![(column, rays, &[4, 16, 64][..], true)];
     if let Some(assets) = std::env::var_os("POSELIGHT_ASSETS").map(PathBuf::from) {
-        compare(&assets.join("scene/living_room.glb"), rays, &[4, 16]);
-        compare(&assets.join("scene/zdm2.glb"), rays / 4, &[4]);
-        compare(&assets.join("rigged/MH_Male_CMU02.glb"), rays / 4, &[4]);
-        cost(&assets.join("scene/living_room.glb"), rays);
+        let living_room = assets.join("scene/living_room.glb");
+        scenes.push((living_room, rays, &[4, 16], true));
+        scenes.push((assets.join("scene/zdm2.glb"), rays / 4, &[4], false));
+        scenes.push((assets.join("rigged/MH_Male_CMU02.glb"), rays / 2, &[4], false));
     } else {
-        println!("\nskipped: POSELIGHT_ASSETS names no folder of scenes");
+        println!("skipped: POSELIGHT_ASSETS names no folder of scenes");
     }
+    let asked =
+        std::env::args().skip(1).find(|arg| !arg.starts_with('-') && arg.parse::<u32>().is_err());
+    let named =
+        |path: &Path| asked.as_ref().is_none_or(|part| path.to_string_lossy().contains(part));
+    scenes.retain(|(path, ..)| named(path));
+    for (path, rays, factors, _) in &scenes {
+        compare(path, *rays, factors);
+    }
+    for (path, rays, ..) in scenes.iter().filter(|(.., grows)| *grows) {
+        grow(path, *rays);
+    }
+    if let Some((path, rays, ..)) =
+        scenes.iter().find(|(path, ..)| path.ends_with("living_room.glb"))
+    {
+        cost(path, *rays);
+    }
+}
+
+/// The area of a triangle an eighth as wide as those that a budget makes of the whole surface.
+fn smallest(job: &Job, triangles: usize) -> f32 {
+    let posed = job.traced(0);
+    let area = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|vertex| posed.positions[vertex as usize]);
+        (b - a).cross(c - a).length() / 2.0
+    };
+    job.scene.mesh.triangles.iter().map(area).sum::<f32>() / triangles as f32 / 64.0
 }
 
 fn job(path: &Path, rays: u32) -> Job {
@@ -60,9 +99,16 @@ fn job(path: &Path, rays: u32) -> Job {
     Job::open(path, recipe).unwrap()
 }
 
-fn refined(job: &Job, measure: ErrorMeasure, triangles: usize, probes: usize) -> Subdivided {
-    let goal = Goal { triangles, vertices: usize::MAX, error: 0.0, depth: 12 };
-    let refinement = Refinement { goal, measure, key_poses: 4, bound: 5e-4, probes };
+fn refined(
+    job: &Job,
+    (measure, ends): (ErrorMeasure, bool),
+    triangles: usize,
+    probes: usize,
+) -> Subdivided {
+    let area = if ends { smallest(job, triangles) } else { 0.0 };
+    let goal = Goal { triangles, vertices: usize::MAX, error: 0.0, depth: 12, area };
+    let (key_poses, bound, smooth) = (4, 5e-4, false);
+    let refinement = Refinement { goal, measure, key_poses, bound, smooth, probes };
     subdivide(job, &refinement, &AtomicBool::new(false), &mut |_| ()).unwrap()
 }
 
@@ -72,8 +118,8 @@ fn compare(path: &Path, rays: u32, factors: &[usize]) {
     for factor in factors {
         let mut cells = Vec::new();
         let (mut uniform, mut noise) = (0.0, 0.0);
-        for (name, measure) in MEASURES {
-            let done = refined(&job, measure, given * factor, 4000);
+        for (name, measure, ends) in MEASURES {
+            let done = refined(&job, (measure, ends), given * factor, PROBES);
             let [before, after] = done.fidelity.unwrap();
             if name == "uniform" {
                 (uniform, noise) = (after.rms, done.probe_noise.unwrap());
@@ -87,12 +133,35 @@ fn compare(path: &Path, rays: u32, factors: &[usize]) {
     }
 }
 
+/// The error that is left at growing budgets.
+fn grow(path: &Path, rays: u32) {
+    let job = job(path, rays);
+    let given = job.scene.mesh.triangles.len();
+    let name = path.file_stem().unwrap().to_string_lossy();
+    let mut errors = Vec::new();
+    for factor in [2, 4, 8, 16, 32] {
+        let done = refined(&job, (ErrorMeasure::Surplus, false), given * factor, PROBES);
+        let [before, after] = done.fidelity.unwrap();
+        if errors.is_empty() {
+            errors.push(before.rms);
+        }
+        errors.push(after.rms);
+    }
+    let all: Vec<String> = errors.iter().map(|error| format!("{error:.5}")).collect();
+    let falls = errors.windows(2).all(|pair| pair[1] < pair[0]);
+    println!(
+        "\n{name} by surplus at 1, 2, 4, 8, 16 and 32 times {given} triangles: {}; {}",
+        all.join(", "),
+        if falls { "each budget leaves less than the one before" } else { "NOT MONOTONE" }
+    );
+}
+
 /// Wall time of a refinement over that of one bake of all the vertices that it ends with.
 fn cost(path: &Path, rays: u32) {
     let coarse = job(path, rays);
-    for (name, measure) in &MEASURES[3..] {
+    for (name, measure, ends) in &MEASURES[3..] {
         let start = Instant::now();
-        let done = refined(&coarse, *measure, 50_000, 0);
+        let done = refined(&coarse, (*measure, *ends), 50_000, 0);
         let refine_s = start.elapsed().as_secs_f64();
         let folder = tempfile::tempdir().unwrap();
         let fine = folder.path().join("fine.glb");

@@ -83,6 +83,8 @@ enum MeasureArg {
     Curvature,
     /// The same, by the first vertex's normal alone, as printed.
     CurvaturePrinted,
+    /// Equation 4 times the root of the triangle's area.
+    CurvatureByArea,
     /// Equation 3: distances of transfer.
     Distance,
     /// Equation 2: contrasts of transfer.
@@ -93,7 +95,7 @@ enum MeasureArg {
 
 names! {
     MeasureArg => MeasureName {
-        Surplus, Midpoint, Curvature, CurvaturePrinted, Distance, Contrast, Uniform
+        Surplus, Midpoint, Curvature, CurvaturePrinted, CurvatureByArea, Distance, Contrast, Uniform
     }
 }
 

@@ -18,6 +18,9 @@ pub enum ErrorMeasure {
         a: f32,
         /// Whether the first vertex alone counts.
         printed: bool,
+        /// Whether it is multiplied by the root of the triangle's area, which the paper leaves out: the
+        /// square is then what a jump within the triangle adds to the L² error.
+        by_area: bool,
     },
     /// The square of the L² error that the interpolation makes, 8A/45 Σ s²: A the area, s what each
     /// edge's middle lacks of the mean of its ends ([`Surplus`]), baked for the input and foretold
@@ -52,7 +55,12 @@ impl ErrorMeasure {
         matches!(self, Self::Surplus | Self::Midpoint)
     }
 
-    /// The estimate in one view; the last three are told apart from views.
+    /// Whether the estimate is multiplied by the root of the area.
+    pub(super) fn is_by_area(self) -> bool {
+        matches!(self, Self::Curvature { by_area: true, .. })
+    }
+
+    /// The estimate in one view, whatever the area; the last three are told apart from views.
     pub(super) fn of(&self, corners: [Seen<'_>; 3]) -> f32 {
         let [a, b, c] = corners;
         let sides = [[a, b], [b, c], [c, a]];
@@ -60,7 +68,7 @@ impl ErrorMeasure {
         match *self {
             Self::Contrast => sides.iter().map(|[p, q]| contrast(p.transfer, q.transfer)).sum(),
             Self::Distance | Self::Surplus | Self::Midpoint | Self::Uniform => along(),
-            Self::Curvature { a: weight, printed } => {
+            Self::Curvature { a: weight, printed, .. } => {
                 let mean = a.normal + b.normal + c.normal;
                 let angle = |seen: Seen<'_>| {
                     let lengths = seen.normal.length() * mean.length();
@@ -142,7 +150,7 @@ mod tests {
         let flat = [&BRIGHT[..], &DARK, &DARK].map(|transfer| seen(transfer, Vec3::Z));
         assert_eq!(ErrorMeasure::Distance.of(flat), 10.0);
         assert_eq!(ErrorMeasure::Contrast.of(flat), 2.0);
-        let four = |printed| ErrorMeasure::Curvature { a: 2.0, printed };
+        let four = |printed| ErrorMeasure::Curvature { a: 2.0, printed, by_area: false };
         assert!((four(false).of(flat) - 10.0).abs() < 1e-5);
         let mut bent = flat;
         bent[1].normal = Vec3::X;

@@ -286,15 +286,14 @@ impl<'a> Refiner<'a> {
     fn enter(&mut self, index: usize) {
         let leaf = self.tessellation.leaf(index);
         let corners = leaf.corners.map(|vertex| &self.rows[vertex as usize]);
+        let area = self.areas[leaf.root as usize] * leaf.share();
         let error = match self.surplus.get(&index) {
-            Some(surplus) => {
-                let area = self.areas[leaf.root as usize] * leaf.share();
-                8.0 / 45.0 * area * surplus.iter().map(|s| s * s).sum::<f32>()
-            }
+            Some(surplus) => 8.0 / 45.0 * area * surplus.iter().map(|s| s * s).sum::<f32>(),
             None if self.measure == ErrorMeasure::Uniform => leaf.share(),
             None => {
                 let one = |view| self.measure.of(corners.map(|row| row.view(view)));
-                (0..corners[0].normals.len()).map(one).fold(0.0, f32::max)
+                let most = (0..corners[0].normals.len()).map(one).fold(0.0, f32::max);
+                if self.measure.is_by_area() { most * area.sqrt() } else { most }
             }
         };
         if self.errors.len() <= index {

@@ -39,8 +39,8 @@ pub struct SubdivideRecipe {
     pub min_edge: Option<f32>,
     /// What orders the triangles.
     pub measure: MeasureName,
-    /// The constant a of the measures `curvature` and `curvature-printed`, per radian, 0 and more; 1
-    /// when absent.
+    /// The constant a of the measures whose names begin with `curvature`, per radian, 0 and more; 1 when
+    /// absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub curvature: Option<f32>,
     /// Poses at which the estimate is taken, of which the largest counts, 1 to 256.
@@ -92,6 +92,8 @@ pub enum MeasureName {
     Curvature,
     /// The same, by the first vertex's normal alone, as printed.
     CurvaturePrinted,
+    /// Equation 4 times the root of the triangle's area.
+    CurvatureByArea,
     /// Equation 3: distances of transfer.
     Distance,
     /// Equation 2: contrasts of transfer.

@@ -35,7 +35,7 @@ use smooth::Shape;
 use source::{Surface, Views};
 
 /// Rays of a probe, in those of a vertex.
-const PROBE_RAYS: u32 = 16;
+const PROBE_RAYS: u32 = 4;
 
 /// A refined scene.
 #[derive(Debug)]

@@ -54,11 +54,13 @@ impl Refinement {
                 .map_or(0.0, |edge| 3.0_f32.sqrt() / 4.0 * (edge * size_m).powi(2)),
         };
         let a = recipe.curvature.unwrap_or(DEFAULT_CURVATURE);
+        let curvature = |printed, by_area| ErrorMeasure::Curvature { a, printed, by_area };
         let measure = match recipe.measure {
             MeasureName::Surplus => ErrorMeasure::Surplus,
             MeasureName::Midpoint => ErrorMeasure::Midpoint,
-            MeasureName::Curvature => ErrorMeasure::Curvature { a, printed: false },
-            MeasureName::CurvaturePrinted => ErrorMeasure::Curvature { a, printed: true },
+            MeasureName::Curvature => curvature(false, false),
+            MeasureName::CurvaturePrinted => curvature(true, false),
+            MeasureName::CurvatureByArea => curvature(false, true),
             MeasureName::Distance => ErrorMeasure::Distance,
             MeasureName::Contrast => ErrorMeasure::Contrast,
             MeasureName::Uniform => ErrorMeasure::Uniform,
@@ -139,7 +141,8 @@ fn check(recipe: &SubdivideRecipe) -> Result<(), RecipeError> {
     }
     if let Some(a) = recipe.curvature {
         let field = "subdivide.curvature";
-        let has = matches!(recipe.measure, MeasureName::Curvature | MeasureName::CurvaturePrinted);
+        use MeasureName::{Curvature, CurvatureByArea, CurvaturePrinted};
+        let has = matches!(recipe.measure, Curvature | CurvaturePrinted | CurvatureByArea);
         let expected = "it means nothing with this measure: use `curvature`, or leave it out";
         require(has, field, a, expected)?;
         require(a.is_finite() && a >= 0.0, field, a, "it must be zero or a positive number")?;

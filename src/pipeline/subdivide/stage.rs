@@ -104,7 +104,7 @@ fn resolved(job: &Job, place: &Path, bytes: Vec<u8>, record: &RefinedRecord) -> 
     if let Some(subdivide) = &mut recipe.subdivide {
         subdivide.of = Some(job.hashes.scene.clone());
     }
-    let mut refined = with_sources(job, own, recipe, place)?;
+    let mut refined = with_sources(job, &own, recipe, place)?;
     let [triangles, vertices] = [record.triangles, record.vertices];
     refined.scene.notices.push(format!(
         "the mesh was refined from {} to {} triangles, {} to {} vertices",
@@ -120,8 +120,8 @@ fn resolved(job: &Job, place: &Path, bytes: Vec<u8>, record: &RefinedRecord) -> 
 }
 
 /// The job's own surroundings with other files of the scene.
-fn with_sources(job: &Job, own: Vec<Source>, recipe: Recipe, place: &Path) -> Result<Job, Error> {
-    let sources = [&own[..], job.occluders.sources()].concat();
+fn with_sources(job: &Job, own: &[Source], recipe: Recipe, place: &Path) -> Result<Job, Error> {
+    let sources = [own, job.occluders.sources()].concat();
     job_of_sources(sources, recipe, place)
 }
 
@@ -141,8 +141,7 @@ fn make(
     let start = Instant::now();
     let recipe = job.recipe.subdivide.clone().unwrap_or_default();
     let file = Path::new(&job.recipe.scene.file);
-    let own = job.scene.sources.clone();
-    let direct = with_sources(job, own, settings::direct(&job.recipe), file)?;
+    let direct = with_sources(job, &job.scene.sources, settings::direct(&job.recipe), file)?;
     let given = direct.scene.mesh.triangles.len();
     let refinement = Refinement::of(job, &recipe)?;
     let mut tell = |triangles| (watch.report)(refinement.progress(given, triangles, start));
