@@ -112,7 +112,15 @@ impl Kind {
         match self {
             Self::Run | Self::Bake => {
                 const OF_SCENE: &[&str] = &[
-                    "version", "scene", "subdivide", "poses", "bake", "fit", "target", "light", "output",
+                    "version",
+                    "scene",
+                    "subdivide",
+                    "poses",
+                    "bake",
+                    "fit",
+                    "target",
+                    "light",
+                    "output",
                 ];
                 OF_SCENE
             }

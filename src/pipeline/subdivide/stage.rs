@@ -105,6 +105,8 @@ fn resolved(job: &Job, place: &Path, bytes: Vec<u8>, record: &RefinedRecord) -> 
         subdivide.of = Some(job.hashes.scene.clone());
     }
     let mut refined = with_sources(job, &own, recipe, place)?;
+    // The light was taken out of the recipe when it was resolved.
+    refined.lit.clone_from(&job.lit);
     let [triangles, vertices] = [record.triangles, record.vertices];
     refined.scene.notices.push(format!(
         "the mesh was refined from {} to {} triangles, {} to {} vertices",
