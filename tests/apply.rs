@@ -19,6 +19,11 @@ fn succeed(folder: &Path, words: &[&str]) {
 
 /// A level square of four vertices as a GLB, with something in `extras` that nobody reads.
 fn patch() -> Vec<u8> {
+    squares(&json!([{"mesh": 0, "name": "floor"}]))
+}
+
+/// The same shown by nodes that each have a mesh of their own.
+fn squares(nodes: &Value) -> Vec<u8> {
     let corners = [[-1.0_f32, 0.0, -1.0], [-1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 0.0, -1.0]];
     let numbers = corners.iter().flatten().chain([[0.0, 1.0, 0.0]; 4].iter().flatten());
     let mut binary: Vec<u8> = numbers.flat_map(|x: &f32| x.to_le_bytes()).collect();
@@ -28,13 +33,15 @@ fn patch() -> Vec<u8> {
     let mut positions = vectors(0);
     positions["min"] = json!([-1.0, 0.0, -1.0]);
     positions["max"] = json!([1.0, 0.0, 1.0]);
+    let count = nodes.as_array().expect("a list").len();
+    let mesh = json!({"primitives": [{"attributes": {"POSITION": 0, "NORMAL": 1}, "indices": 2}]});
     let document = json!({
         "asset": {"version": "2.0"},
         "extras": {"kept": [1, 2, 3]},
         "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, "name": "floor"}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "NORMAL": 1}, "indices": 2}]}],
+        "scenes": [{"nodes": (0..count).collect::<Vec<usize>>()}],
+        "nodes": nodes,
+        "meshes": vec![mesh; count],
         "accessors": [
             positions,
             vectors(1),
@@ -92,6 +99,22 @@ fn each_file_gets_its_own_values() {
     let refused = run(folder, &apply);
     let told = String::from_utf8_lossy(&refused.stderr).into_owned();
     assert!(!refused.status.success() && told.contains("receivers 0"), "{told}");
+    let files = ["figure.glb", "floor.glb"].map(|name| fs::read(folder.join(name)).expect("read"));
+    for (output, received, evidence) in [
+        ("lit.glb", "./floor.glb", "--receivers-output would replace the receivers' scene"),
+        ("lit.glb", "figure.glb", "--receivers-output would replace the scene"),
+        ("./floor.glb", "lit-floor.glb", "the output would replace the receivers' scene"),
+        ("lit.glb", "./lit.glb", "--receivers-output would replace the output"),
+    ] {
+        let words = ["apply", "m.safetensors", "figure.glb", "-o", output];
+        let more = ["--receivers", "floor.glb", "--receivers-output", received];
+        let refused = run(folder, &[&words[..], &more].concat());
+        let told = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert_eq!(refused.status.code(), Some(2), "{told}");
+        assert!(told.contains(evidence), "{told}");
+    }
+    let after = ["figure.glb", "floor.glb"].map(|name| fs::read(folder.join(name)).expect("read"));
+    assert!(files == after && !folder.join("lit.glb").exists());
     let more =
         ["--receivers", "floor.glb", "--receivers-output", "lit-floor.glb", "--bent-normals"];
     succeed(folder, &[&apply[..], &more].concat());
@@ -116,4 +139,39 @@ fn each_file_gets_its_own_values() {
         let length = bent.iter().map(|x| x * x).sum::<f32>().sqrt();
         assert!((length - 1.0).abs() < 1e-4 && bent[1] > 0.8, "{bent:?}");
     }
+}
+
+/// Of two squares the first only blocks: the second gets the values, darker than open sky, and nothing of the
+/// first changes; an array of values says which vertices its rows are; a picture shows the second alone.
+#[test]
+fn what_only_blocks_gets_nothing() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    let lid = json!({"mesh": 0, "name": "lid", "translation": [0.0, 0.5, 0.0]});
+    let nodes = json!([lid, {"mesh": 1, "name": "floor"}]);
+    fs::write(folder.join("two.glb"), squares(&nodes)).expect("written");
+    let bake = ["bake", "two.glb", "-o", "d.zarr", "--signal", "ao", "--rays", "64"];
+    succeed(folder, &[&bake[..], &["--occluder-node", "lid"]].concat());
+    succeed(folder, &["fit", "d.zarr", "-o", "m.safetensors", "--family", "mean"]);
+    succeed(folder, &["apply", "m.safetensors", "two.glb", "-o", "lit.glb"]);
+    let lit = document(&folder.join("lit.glb"));
+    let held = |mesh: usize| &lit["meshes"][mesh]["primitives"][0]["attributes"]["_AO"];
+    assert!(held(0).is_null(), "{lit}");
+    let accessor = held(1).as_u64().expect("an accessor") as usize;
+    assert_eq!(lit["accessors"][accessor]["count"], json!(4));
+    let view = lit["accessors"][accessor]["bufferView"].as_u64().expect("a view") as usize;
+    let start = lit["bufferViews"][view]["byteOffset"].as_u64().expect("an offset") as usize;
+    let bytes = fs::read(folder.join("lit.glb")).expect("written");
+    let binary = bytes.len() - lit["buffers"][0]["byteLength"].as_u64().expect("bytes") as usize;
+    let values = bytes[binary + start..][..16].chunks_exact(4);
+    for value in values.map(|four| f32::from_le_bytes(four.try_into().expect("four"))) {
+        assert!((0.2..0.95).contains(&value), "{value}");
+    }
+    let evaluate = ["evaluate", "m.safetensors", "--scene", "two.glb", "-o", "v.npy", "--json"];
+    let told = run(folder, &evaluate);
+    let told: Value = serde_json::from_slice(&told.stdout).expect("one object");
+    let row = json!({"mesh": "floor", "row": 0, "vertex": 4, "vertices": 4});
+    assert_eq!(told["rows"], json!({"scene": [row], "receivers": 0}), "{told}");
+    let still = ["still", "two.glb", "--model", "m.safetensors", "-o", "s.png"];
+    succeed(folder, &[&still[..], &["--size", "32", "32", "--rays", "4"]].concat());
 }

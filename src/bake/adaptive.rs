@@ -13,9 +13,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
-use super::allocate::{Allocation, Evidence, Level};
+use super::allocate::{Allocation, Earlier, Evidence, Level};
 use super::kernel::{Scratch, bake_blocks, bake_point};
-use super::plan::Plan;
+use super::plan::{Plan, rays_cast};
 use super::posed::{Posed, Stage};
 use super::{BakedPose, Error, MOST_RAYS, Noise, Settings};
 use crate::num::random::hash;
@@ -44,6 +44,29 @@ const RAYS_PER_TASK: usize = 1 << 14;
 #[must_use]
 pub fn gain(times: u32) -> f32 {
     f64::from(times).powf(RATE) as f32
+}
+
+/// The rays of the largest set; of more there are several, independent of one another.
+const LARGEST: u32 = LADDER[LADDER.len() - 1];
+
+/// The rays at a point beyond which no noise takes a bake of so many at most, its pilot not counted.
+///
+/// ```
+/// # use poselight::bake::most_to_noise;
+/// assert_eq!([4, 2000, 16_384, 20_000].map(most_to_noise), [4, 1536, 16_384, 18_432]);
+/// ```
+#[must_use]
+pub fn most_to_noise(rays: u32) -> u32 {
+    let set = LADDER.into_iter().rev().find(|&set| set <= rays).unwrap_or(rays_cast(rays).max(1));
+    (rays.min(MOST_RAYS) / set).max(1) * set
+}
+
+/// What every point has had before a bake to a noise.
+pub(super) struct Before<'a> {
+    /// Rounds of so many rays, weighed by them.
+    pub(super) rounds: &'a [u32],
+    /// Whether points that have enough must have rays of this bake too.
+    pub(super) everywhere: bool,
 }
 
 /// Plans to choose from, and what chooses.
@@ -76,6 +99,7 @@ impl Adaptive {
         settings: &Settings,
         falloff: Option<f32>,
         stage: &Stage,
+        before: &Before<'_>,
     ) -> Result<Self, Error> {
         if !(noise.target.is_finite() && noise.target > 0.0) {
             return Err(Error::Noise { found: noise.target });
@@ -91,8 +115,13 @@ impl Adaptive {
         if plans.is_empty() {
             plans.push(of(settings.rays, settings.seed)?);
         }
+        let set = |&rays: &u32| -> Result<(u32, Plan), Error> {
+            Ok((rays, of(rays.clamp(1, LARGEST), settings.seed)?))
+        };
+        let rounds = before.rounds.iter().map(set).collect::<Result<Vec<_>, _>>()?;
         let most = settings.rays.min(MOST_RAYS) as usize;
-        let allocation = Allocation::new(noise, &pilot, &plans, most, stage);
+        let earlier = Earlier { rounds: &rounds, everywhere: before.everywhere };
+        let allocation = Allocation::new(noise, &pilot, (&plans, most), stage, &earlier);
         Ok(Self { pilot, plans, allocation })
     }
 

@@ -20,6 +20,9 @@
 //! all give the target as root mean square over the pose: n ∝ (gain per ray equal everywhere), the
 //! optimum of Neyman for errors that fall faster than those of random rays.
 //!
+//! On top of earlier rounds of stated rays, of variance V by the same g and ℓ, a level leaves 1/(1/V + 1/v);
+//! everything else stays as it is, with the level of no rays at all before the cheapest.
+//!
 //! *Invariant:* a point's number of rays does not depend on rays of its own estimate (with the goal
 //! `Mean` it does by one part in the number of scouts, through the common price of a ray).
 
@@ -96,6 +99,41 @@ impl Evidence {
     }
 }
 
+/// Rounds that every point has had, each with a plan of its rays or, where those are several sets, of one.
+pub(super) struct Earlier<'a> {
+    pub(super) rounds: &'a [(u32, Plan)],
+    /// Whether points that have enough must have more.
+    pub(super) everywhere: bool,
+}
+
+impl Earlier<'_> {
+    /// What the rounds leave together, weighed by their rays, for one crossing in a pilot; `None` where
+    /// there are none.
+    fn left(&self, trials: &[Trial], crossings: f64) -> Option<Level> {
+        let all: f64 = self.rounds.iter().map(|(rays, _)| f64::from(*rays)).sum();
+        let mut left = Level::NONE;
+        for ((rays, plan), trial) in self.rounds.iter().zip(trials) {
+            let rays = f64::from(*rays);
+            let sets = (rays / plan.rays() as f64).max(1.0);
+            let weight = (rays / all).powi(2) / sets;
+            left.variance += weight * trial.variance / crossings;
+            left.of_sizes.iter_mut().zip(trial.of_sizes).for_each(|(sum, of)| *sum += weight * of);
+        }
+        (!self.rounds.is_empty()).then_some(left)
+    }
+}
+
+impl Level {
+    /// The same with what earlier rounds have left, each weighed by the inverse of its variance.
+    fn beside(self, earlier: &Self) -> Self {
+        let both =
+            |a: f64, b: f64| if a > 0.0 && b > 0.0 { 1.0 / (1.0 / a + 1.0 / b) } else { 0.0 };
+        let of_sizes =
+            std::array::from_fn(|size| both(self.of_sizes[size], earlier.of_sizes[size]));
+        Self { variance: both(self.variance, earlier.variance), of_sizes, ..self }
+    }
+}
+
 /// Levels to choose from, and what chooses.
 #[derive(Debug)]
 pub(super) struct Allocation {
@@ -115,11 +153,13 @@ impl Allocation {
     pub(super) fn new(
         noise: Noise,
         pilot: &Plan,
-        plans: &[Plan],
-        most_rays: usize,
+        (plans, most_rays): (&[Plan], usize),
         stage: &Stage,
+        earlier: &Earlier<'_>,
     ) -> Self {
-        let (of_pilot, trials) = Trial::of_all(pilot, plans);
+        let all: Vec<&Plan> =
+            plans.iter().chain(earlier.rounds.iter().map(|(_, plan)| plan)).collect();
+        let (of_pilot, trials) = Trial::of_all(pilot, &all);
         let level = |plan: usize, blocks: usize, with: bool| {
             let (blocks_f, trial) = (blocks as f64, &trials[plan]);
             // Blocks are independent of one another: their mean gains by the root of their number.
@@ -152,12 +192,23 @@ impl Allocation {
         let mut scouts = table(true);
         let variance = of_pilot.variance / of_pilot.crossings;
         scouts.insert(0, Level { variance, of_sizes: of_pilot.of_sizes, ..Level::NONE });
+        let mut others = table(false);
+        if let Some(left) = earlier.left(&trials[plans.len()..], of_pilot.crossings) {
+            let beside = |levels: &mut Vec<Level>| {
+                levels.iter_mut().for_each(|level| *level = level.beside(&left));
+            };
+            beside(&mut scouts);
+            beside(&mut others);
+            if !earlier.everywhere {
+                others.insert(0, left);
+            }
+        }
         let (is_scout, starts, near) = scouting(stage);
         let mut sizes = SMALL.map(|share| 2.0 * share * pilot.rays() as f64).to_vec();
         sizes.push(of_pilot.crossings);
         let sizes: [f64; SIZES] = std::array::from_fn(|size| sizes[size]);
         let of = |all: Vec<Level>| Levels { hull: hull(&all), all, sizes };
-        let (scouts, others) = (of(scouts), of(table(false)));
+        let (scouts, others) = (of(scouts), of(others));
         Self { noise, scouts, others, is_scout, starts, near }
     }
 
@@ -198,7 +249,10 @@ impl Allocation {
             Some(price) => levels.at_price(length, price),
             None => levels.under(length, f64::from(self.noise.target).powi(2)),
         };
-        levels.all[chosen]
+        // A scout that goes by its own pilot must not keep it as its estimate.
+        let least =
+            usize::from(self.is_scout[point] && levels.all[0].blocks == 0 && !self.merges(point));
+        levels.all[chosen.max(least)]
     }
 
     pub(super) fn memory_bytes(&self) -> u64 {

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use crate::rig::Points;
 use crate::trace::Device;
 
-use super::adaptive::Adaptive;
+use super::adaptive::{Adaptive, Before};
 use super::borders::Borders;
 use super::bounce::{Bounces, MOST_ROW_BYTES};
 use super::diffusion::{self, Cloud};
@@ -142,12 +142,30 @@ impl Baker {
     ///
     /// # Errors
     /// A target that is not positive, or a fit of vertices.
-    pub fn to_noise(mut self, noise: Noise, settings: &Settings) -> Result<Self, Error> {
+    pub fn to_noise(self, noise: Noise, settings: &Settings) -> Result<Self, Error> {
+        self.to_noise_beside(noise, settings, &[])
+    }
+
+    /// The same for what is merged with earlier rounds of so many rays each, weighed by their rays: the target
+    /// is that of all together. What the earlier rays found has no say in it; what so many rays leave of an
+    /// outline has. A point that has enough gets none, and counts for nothing in this bake, but for bounces
+    /// and light below the surface, which gather from everywhere.
+    ///
+    /// # Errors
+    /// As [`Self::to_noise`].
+    pub fn to_noise_beside(
+        mut self,
+        noise: Noise,
+        settings: &Settings,
+        rounds: &[u32],
+    ) -> Result<Self, Error> {
         if self.stage.fit.is_some() {
             return Err(Error::FitOf);
         }
+        let gathers = self.reflectance.is_some() || self.subsurface.is_some();
+        let before = Before { rounds, everywhere: gathers };
         let falloff = self.plan.falloff;
-        self.adaptive = Some(Adaptive::new(noise, settings, falloff, &self.stage)?);
+        self.adaptive = Some(Adaptive::new(noise, settings, falloff, &self.stage, &before)?);
         Ok(self)
     }
 

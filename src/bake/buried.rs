@@ -33,8 +33,8 @@ impl Baker {
             Settings { signal: Signal::Ao, order, rays: RAYS, max_distance_m: None, seed };
         let plan = Plan::new(&settings)?;
         let mut posed = self.prepare(std::slice::from_ref(pose), 0, &AtomicBool::new(false))?;
-        let Some(mut posed) = posed.pop() else { return Ok(Vec::new()) };
-        (posed.near, posed.far) = (0.0, f32::INFINITY);
+        // Between the nearest and the furthest distance that count: beyond, nothing takes light away.
+        let Some(posed) = posed.pop() else { return Ok(Vec::new()) };
         let scratch = || {
             let sink = Sink::new(&self.stage, pose.normals, usize::MAX, plan.rays());
             (Scratch::new(&plan), sink)

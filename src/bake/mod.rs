@@ -36,7 +36,7 @@ mod sums;
 mod surroundings;
 mod trial;
 
-pub use adaptive::gain;
+pub use adaptive::{gain, most_to_noise};
 pub use baker::Baker;
 pub use bounce::{MOST_BOUNCES, Reflectance};
 pub use cost::Calibration;

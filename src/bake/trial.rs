@@ -34,8 +34,8 @@ impl Trial {
     /// Measures the sets of a pilot and of plans. A plan has only so many sets, and what one of them happens
     /// to be worth is not what rays of that number are worth; of many plans the cheapest look would always be
     /// a lucky one's. So variances are those of the curve through all plans.
-    pub(super) fn of_all(pilot: &Plan, plans: &[Plan]) -> (Self, Vec<Self>) {
-        let all = || std::iter::once(pilot).chain(plans);
+    pub(super) fn of_all(pilot: &Plan, plans: &[&Plan]) -> (Self, Vec<Self>) {
+        let all = || std::iter::once(pilot).chain(plans.iter().copied());
         let mut trials: Vec<Self> = all().map(Self::of).collect();
         let rays: Vec<f64> = all().map(|plan| (plan.rays() as f64).ln()).collect();
         for size in 0..SIZES {

@@ -16,7 +16,8 @@ pub(crate) struct BakeFlags {
     /// Order of the spherical harmonics, 1 to 10 [default: 6].
     #[arg(long, value_name = "N")]
     order: Option<u8>,
-    /// Rays per vertex and pose; with --noise the most [default: 500; with --noise 16384].
+    /// Rays per vertex and pose; with --noise the most, and beside --from the most of the round that is
+    /// added (unless they are those that the earlier bake stated) [default: 500; with --noise 16384].
     #[arg(long, value_name = "N")]
     rays: Option<u32>,
     /// As many rays at each vertex as it takes for this standard error of a coefficient.

@@ -22,7 +22,8 @@ pub(crate) struct SurroundingsFlags {
     /// A node whose meshes, and those below it, block and get no values (may be repeated).
     #[arg(long, value_name = "NODE")]
     occluder_node: Vec<String>,
-    /// A mesh that does not block its own points (may be repeated).
+    /// A mesh that does not block its own points (may be repeated); nodes that show the same mesh block one
+    /// another, but for --ignore MESH MESH.
     #[arg(long, value_name = "MESH")]
     ignore_self: Vec<String>,
     /// Two meshes that do not block one another (may be repeated).

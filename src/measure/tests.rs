@@ -193,6 +193,7 @@ fn flicker_between_splits() {
 fn the_worst_is_named() {
     let part = |name: &str, vertices| Part {
         node: 0,
+        source_node: 0,
         primitive: 0,
         name: name.to_owned(),
         vertices,

@@ -1,7 +1,7 @@
 //! Which meshes have points inside other geometry, named for the user.
 
 use super::{Error, Job};
-use crate::bake::Baker;
+use crate::bake::{Baker, Surroundings};
 
 /// Meshes that are named; further ones are counted.
 const MOST_NAMED: usize = 8;
@@ -16,7 +16,13 @@ pub fn buried(job: &Job) -> Result<Vec<String>, Error> {
         return Ok(Vec::new());
     }
     let (triangles, points) = job.occluders.with(&job.scene.mesh, &job.poses.points);
-    let baker = Baker::new(&triangles, &points, &job.checked.bake)?;
+    // Whom a point does not see, and what lets rays through, buries nobody. Ground has its own sentence.
+    let around = Surroundings { ground_m: None, ..job.surroundings.clone() };
+    let baker = Baker::new(&triangles, &points, &job.checked.bake)?.within(around)?;
+    let baker = match &job.openings {
+        Some(openings) => baker.through(openings.clone()),
+        None => baker,
+    };
     let first = job.traced(0);
     let found = baker.buried(&super::bake::posed(job, 0, &first))?;
     let mut parts = Vec::new();
@@ -30,9 +36,11 @@ pub fn buried(job: &Job) -> Result<Vec<String>, Error> {
         }
     }
     parts.sort_by(|a, b| b.0.cmp(&a.0).then(a.2.cmp(b.2)));
+    // What falls off with distance takes away a part of the light alone.
+    let light = if job.surroundings.falloff.is_some() { "little" } else { "no" };
     let named = parts.iter().take(MOST_NAMED).map(|(inside, all, name)| {
         format!(
-            "mesh {name:?}: {inside} of {all} points lie inside other geometry and get no light"
+            "mesh {name:?}: {inside} of {all} points lie inside other geometry and get {light} light"
         )
     });
     let mut sentences: Vec<String> = named.collect();

@@ -396,6 +396,10 @@ mod tests {
         }
         let above = |r: &mut Recipe| (r.bake.noise, r.bake.more_noise) = (Some(0.01), vec![0.02]);
         assert_eq!(fault(above), "bake.more_noise");
+        let most = |r: &mut Recipe| r.bake.most_rays = Some(100);
+        assert_eq!(fault(most), "bake.most_rays");
+        let none = |r: &mut Recipe| (r.bake.more_noise, r.bake.most_rays) = (vec![0.1], Some(0));
+        assert_eq!(fault(none), "bake.most_rays");
         let fitted = |r: &mut Recipe| (r.bake.vertex_fit, r.bake.more_noise) = (Some(4), vec![0.1]);
         assert_eq!(fault(fitted), "bake.vertex_fit");
     }

@@ -9,8 +9,8 @@ use std::path::Path;
 
 use super::recipe::surroundings::GroundRecipe;
 use super::recipe::{BakeRecipe, MOST_RAYS_TO_NOISE, Recipe};
-use super::rounds::Weights;
-use super::{Error, Job, difference, recipe_of};
+use super::rounds::{self, Weights};
+use super::{Error, Job, difference, job_of, recipe_of};
 use crate::bake::BakedPose;
 use crate::dataset::Dataset;
 
@@ -31,6 +31,9 @@ impl Earlier {
         let recipe = recipe_of(&dataset)?;
         let refuse = |what: String| Error::Earlier { path: path.to_path_buf(), what };
         if let Some(what) = difference(&recipe, &job.recipe) {
+            return Err(refuse(what));
+        }
+        if let Some(what) = other_ground(&dataset, &recipe, job)? {
             return Err(refuse(what));
         }
         let scene = &dataset.header().attributes.hashes.get("scene").cloned().unwrap_or_default();
@@ -101,18 +104,42 @@ pub fn go_on(path: &Path, recipe: &mut Recipe) -> Result<(), Error> {
         let what = format!("its noise is {reached} already, lower than {noise}");
         return Err(Error::Earlier { path: path.to_path_buf(), what });
     }
-    if earlier.noise.is_none() && bake.rays == MOST_RAYS_TO_NOISE {
-        bake.rays = earlier.rays;
-    }
+    let goes_on = reached != Some(noise);
+    let refuse = |what| Error::Earlier { path: path.to_path_buf(), what };
+    (bake.rays, bake.most_rays) = rays_of_rounds(bake.rays, &earlier, goes_on).map_err(refuse)?;
     (bake.noise, bake.more_noise) = (earlier.noise, earlier.more_noise);
     bake.noise_goal = bake.noise_goal.or(earlier.noise_goal);
     if bake.more_rays.is_empty() {
         bake.more_rays = earlier.more_rays;
     }
-    if reached != Some(noise) {
+    if goes_on {
         bake.more_noise.push(noise);
     }
     Ok(())
+}
+
+/// The rays of the first round, which are the earlier ones, and the most of further rounds. Beside a noise
+/// `asked` is the most of the round that is to come, but for rays that were stated before and are again.
+fn rays_of_rounds(
+    asked: u32,
+    earlier: &BakeRecipe,
+    goes_on: bool,
+) -> Result<(u32, Option<u32>), String> {
+    let most = rounds::most_rays(earlier);
+    let restated = earlier.noise.is_none() && asked == earlier.rays;
+    if !earlier.more_noise.is_empty() {
+        if restated || [MOST_RAYS_TO_NOISE, most].contains(&asked) {
+            return Ok((earlier.rays, earlier.most_rays));
+        }
+        return Err(format!(
+            "its rounds to a noise had at most {most} rays, and so has this: leave out other rays"
+        ));
+    }
+    if goes_on {
+        return Ok((earlier.rays, (!restated && asked != most).then_some(asked)));
+    }
+    // The same noise at more poses.
+    Ok((if asked == MOST_RAYS_TO_NOISE { earlier.rays } else { asked }, None))
 }
 
 /// Why values of one recipe's bake are not those of the other's.
@@ -122,10 +149,16 @@ fn difference(earlier: &Recipe, now: &Recipe) -> Option<String> {
     let first = |bake: &BakeRecipe| BakeRecipe {
         more_rays: Vec::new(),
         more_noise: Vec::new(),
+        most_rays: None,
         noise_goal: bake.noise_goal.filter(|_| !stated),
         ..bake.clone()
     };
-    if let Some(fields) = difference::of_bakes(&first(&earlier.bake), &first(&now.bake)) {
+    let (there, mut here) = (first(&earlier.bake), first(&now.bake));
+    if let (Some(there), Some(here)) = (there.surroundings.ground, &mut here.surroundings.ground) {
+        // Two ways to say how high it is may say the same: see `other_ground`.
+        *here = there;
+    }
+    if let Some(fields) = difference::of_bakes(&there, &here) {
         return Some(fields);
     }
     let BakeRecipe { more_rays, more_noise, .. } = &earlier.bake;
@@ -138,9 +171,31 @@ fn difference(earlier: &Recipe, now: &Recipe) -> Option<String> {
     if !now.bake.more_noise.starts_with(more_noise) {
         return Some(format!("it was taken to the noises {more_noise:?}; state them first"));
     }
-    let lowest = earlier.bake.surroundings.ground == Some(GroundRecipe::Lowest);
-    (lowest && earlier.poses != now.poses)
-        .then(|| "its ground is at the lowest point of other poses; state a height".into())
+    let most = [&earlier.bake, &now.bake].map(rounds::most_rays);
+    (!more_noise.is_empty() && most[0] != most[1])
+        .then(|| format!("its rounds to a noise had at most {} rays, not {}", most[0], most[1]))
+}
+
+/// Why the ground of a job is not that of an earlier bake, where it is not: what counts is its height, which
+/// at the lowest point may be another with other poses.
+fn other_ground(dataset: &Dataset, earlier: &Recipe, now: &Job) -> Result<Option<String>, Error> {
+    let [there, here] = [earlier, &now.recipe].map(|recipe| recipe.bake.surroundings.ground);
+    let (Some(there), Some(here)) = (there, here) else { return Ok(None) };
+    let stated = there == here && there != GroundRecipe::Lowest;
+    if stated || (there == here && earlier.poses == now.recipe.poses) {
+        return Ok(None);
+    }
+    let height = match there {
+        GroundRecipe::HeightM(height) => Some(height),
+        GroundRecipe::Lowest => job_of(dataset)?.surroundings.ground_m,
+    };
+    let now = now.surroundings.ground_m;
+    let told = |(height, now): (f32, f32)| {
+        format!(
+            "its ground is at {height} m, and here it is at {now} m: go on with --ground {height}"
+        )
+    };
+    Ok((height != now).then_some(()).and(height.zip(now)).map(told))
 }
 
 /// Takes a round into what there is.

@@ -124,6 +124,31 @@ fn a_noise_is_lowered_not_started_over() {
     let after = goes_on(asked, 0.1, "stated").unwrap();
     assert_eq!((after.bake.rays, &after.bake.more_noise[..]), (8, &[0.1][..]));
 
+    assert_eq!(after.bake.most_rays, None);
+
+    // Rays beside a noise are the most of the round that is added.
+    let capped = |rays: u32, recipe: &Recipe, target: f32, from: &str| {
+        let mut recipe = recipe.clone();
+        recipe.bake.rays = rays;
+        goes_on(recipe, target, from).map(|recipe| (recipe.bake.rays, recipe.bake.most_rays))
+    };
+    assert_eq!(capped(2000, &noise(1.0, None, &[]), 0.05, "stated").unwrap(), (8, Some(2000)));
+    assert_eq!(capped(8, &noise(1.0, None, &[]), 0.05, "stated").unwrap(), (8, None));
+    assert_eq!(capped(48, &noise(1.0, None, &[]), 0.06, "first").unwrap(), (32, Some(48)));
+    let told = capped(48, &noise(1.0, None, &[]), 0.03, "lower").unwrap_err().to_string();
+    assert!(told.contains("at most 32 rays"), "{told}");
+    let mut few = noise(1.0, None, &[0.05]);
+    few.bake.most_rays = Some(12);
+    let few = studio.bake("few", Some("stated"), &few).unwrap();
+    let dataset = Dataset::open(&studio.path("few")).unwrap();
+    let (points, poses) = (dataset.header().layout.points, few.poses);
+    let (mut rays, mut most) = (vec![0; points], 0);
+    for pose in 0..poses {
+        dataset.read_rays(pose, &mut rays).unwrap();
+        most = rays.iter().fold(most, |most, &rays| most.max(rays));
+    }
+    assert_eq!(most, 8 + 16 + 8, "stated, pilot, and the largest set of at most 12");
+
     let told = goes_on(lower.clone(), 0.08, "lower").expect_err("cleaner already").to_string();
     assert!(told.contains("0.06 already, lower than 0.08"), "{told}");
     let refused = |recipe: &Recipe| {
@@ -148,4 +173,54 @@ fn rounds_are_weighed_by_rays() {
     merge(&mut there, &round(5.0, 0.4, 300), Weights::Rays);
     assert_eq!((there.coefficients[0], there.rays[0]), (4.0, 400));
     assert!((there.noise[0] - f32::hypot(0.075, 0.3)).abs() < 1e-6);
+}
+
+/// Rays that were stated count where a noise is asked for on top of them. Where they are enough, scouts trace
+/// their pilots and nothing else is cast; where they are not, less is cast than from nothing; and the bytes
+/// are those of a bake that was asked for both at once.
+#[test]
+fn stated_rays_are_counted_in() {
+    let studio = Studio::new();
+    let stated = |more: &[f32]| {
+        let mut recipe = recipe(1.0, &[]);
+        (recipe.bake.rays, recipe.bake.more_noise) = (64, more.to_vec());
+        recipe
+    };
+    let first = studio.bake("first", None, &stated(&[])).unwrap();
+    let points = first.rays / 64;
+    let enough = studio.bake("enough", Some("first"), &stated(&[0.3])).unwrap();
+    assert!(enough.rays > 0 && enough.rays <= 16 * points / 2, "{} {points}", enough.rays);
+    let finer = studio.bake("finer", Some("first"), &stated(&[0.02])).unwrap();
+    let mut fresh = recipe(1.0, &[]);
+    (fresh.bake.rays, fresh.bake.noise) = (MOST_RAYS_TO_NOISE, Some(0.02));
+    let fresh = studio.bake("fresh", None, &fresh).unwrap();
+    assert!(4 * finer.rays < 3 * fresh.rays, "{} of {}", finer.rays, fresh.rays);
+    let whole = studio.bake("whole", None, &stated(&[0.02])).unwrap();
+    assert_eq!((whole.rays, studio.bits("whole")), (first.rays + finer.rays, studio.bits("finer")));
+}
+
+/// Ground at the lowest point of some poses goes on with more of them where its height is stated, as the
+/// refusal of any other height says.
+#[test]
+fn the_height_of_the_ground_counts() {
+    let studio = Studio::new();
+    let on = |rate_hz: f32, ground: GroundRecipe| {
+        let mut recipe = recipe(rate_hz, &[]);
+        recipe.bake.surroundings.ground = Some(ground);
+        recipe
+    };
+    let lowest = on(1.0, GroundRecipe::Lowest);
+    studio.bake("first", None, &lowest).unwrap();
+    let job = Job::new(studio.scene.clone(), None, lowest).unwrap();
+    let height = job.surroundings.ground_m.unwrap();
+    let dense = on(2.0, GroundRecipe::HeightM(height));
+    studio.bake("whole", None, &dense).unwrap();
+    studio.bake("denser", Some("first"), &dense).unwrap();
+    assert_eq!(studio.bits("denser"), studio.bits("whole"));
+    let lower = on(2.0, GroundRecipe::HeightM(height - 0.25));
+    let told = studio.bake("never", Some("first"), &lower).unwrap_err().to_string();
+    assert!(told.contains(&format!("go on with --ground {height}")), "{told}");
+    // And back: the lowest point is at the height that was stated.
+    let again = studio.bake("again", Some("denser"), &on(1.0, GroundRecipe::Lowest)).unwrap();
+    assert_eq!((again.rays, studio.bits("again")), (0, studio.bits("first")));
 }

@@ -7,13 +7,21 @@
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use super::recipe::Recipe;
 use super::recipe::subdivide::SubdivideRecipe;
+use super::recipe::{BakeRecipe, Recipe};
 use crate::scene::Source;
 
 /// Changes whenever the same recipe begins to give other bytes, so that old results are not
 /// mistaken for new ones.
 const ALGORITHM: u32 = 2;
+
+/// The same, for recipes that alone have begun to give other bytes: rounds to a noise on top of stated
+/// rays, and meshes that ignore themselves.
+fn algorithm(bake: &BakeRecipe) -> u32 {
+    let stated = bake.noise.is_none() || !bake.more_rays.is_empty();
+    let on_stated = stated && !bake.more_noise.is_empty();
+    ALGORITHM + u32::from(on_stated || !bake.surroundings.ignore_self.is_empty())
+}
 
 /// The hashes of a resolved recipe, lower-case hexadecimal.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -31,11 +39,12 @@ impl Hashes {
     /// so that its name is known before.
     #[must_use]
     pub fn of(scene: &str, recipe: &Recipe) -> Self {
+        let number = algorithm(&recipe.bake);
         let bake = match &recipe.subdivide {
-            None => stage("bake", &(ALGORITHM, scene, &recipe.poses, &recipe.bake)),
+            None => stage("bake", &(number, scene, &recipe.poses, &recipe.bake)),
             Some(subdivide) => {
                 let (scene, subdivide) = given(scene, subdivide);
-                stage("bake", &(ALGORITHM, scene, &recipe.poses, &recipe.bake, subdivide))
+                stage("bake", &(number, scene, &recipe.poses, &recipe.bake, subdivide))
             }
         };
         let fit = stage("fit", &(&bake, &recipe.fit, &recipe.target, &recipe.output));
@@ -71,6 +80,14 @@ pub(super) fn scene(sources: &[Source]) -> String {
         }
     }
     hexadecimal(&hasher.finalize())
+}
+
+/// Whether two scenes are of the same files, whatever those are called. Pictures come last among the
+/// files, and a scene may have been read without them.
+#[must_use]
+pub(super) fn same_contents(one: &[Source], other: &[Source]) -> bool {
+    let pairs = one.iter().zip(other);
+    !one.is_empty() && !other.is_empty() && pairs.into_iter().all(|(a, b)| a.bytes == b.bytes)
 }
 
 /// The hash of a data set's references.
@@ -146,6 +163,17 @@ mod tests {
     #[should_panic(expected = "the parts of stage fit are no JSON")]
     fn parts_that_are_no_json_have_no_hash() {
         stage("fit", &std::collections::BTreeMap::from([((1, 2), 3)]));
+    }
+
+    /// Names say nothing of what is in a file; pictures that one side was read without say nothing either.
+    #[test]
+    fn contents_are_compared_without_names() {
+        let scene = [source("a.gltf", b"a"), source("b.bin", b"b"), source("c.png", b"c")];
+        let renamed = [source("x.gltf", b"a"), source("y.bin", b"b")];
+        assert!(same_contents(&scene, &renamed) && same_contents(&renamed, &scene));
+        assert!(!same_contents(&scene, &[source("a.gltf", b"b")]));
+        assert!(!same_contents(&scene, &[source("a.gltf", b"a"), source("b.bin", b"c")]));
+        assert!(!same_contents(&scene, &[]));
     }
 
     /// Bytes cannot move between a name and a body, or between files, without a new hash.

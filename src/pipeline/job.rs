@@ -230,20 +230,38 @@ impl Job {
         settings: &bake::Settings,
         noise: Option<bake::Noise>,
     ) -> Result<Baker, Error> {
+        let baker = self.stating(settings)?;
+        Ok(match noise {
+            Some(noise) => baker.to_noise(noise, settings)?,
+            None => baker,
+        })
+    }
+
+    /// The same to a noise, on top of rounds of so many rays that every point has.
+    ///
+    /// # Errors
+    /// As [`Self::baker`].
+    pub(super) fn baker_beside(
+        &self,
+        settings: &bake::Settings,
+        noise: bake::Noise,
+        rounds: &[u32],
+    ) -> Result<Baker, Error> {
+        Ok(self.stating(settings)?.to_noise_beside(noise, settings, rounds)?)
+    }
+
+    /// What bakes stated rays, in all that stands around.
+    fn stating(&self, settings: &bake::Settings) -> Result<Baker, Error> {
         let (triangles, points) = self.occluders.with(&self.scene.mesh, &self.poses.points);
         let baker = Baker::new(&triangles, &points, settings)?.within(self.surroundings.clone())?;
         let baker = match &self.openings {
             Some(openings) => baker.through(openings.clone()),
             None => baker,
         };
-        let baker = match (self.recipe.bake.vertex_fit, &self.reflectance, noise) {
-            (Some(samples), ..) => baker.fitted(&self.rest().positions, samples)?,
-            (_, Some(reflectance), _) => baker.reflecting(reflectance.clone())?,
-            (_, None, _) => baker,
-        };
-        let baker = match noise {
-            Some(noise) => baker.to_noise(noise, settings)?,
-            None => baker,
+        let baker = match (self.recipe.bake.vertex_fit, &self.reflectance) {
+            (Some(samples), _) => baker.fitted(&self.rest().positions, samples)?,
+            (None, Some(reflectance)) => baker.reflecting(reflectance.clone())?,
+            (None, None) => baker,
         };
         match self.checked.subsurface {
             Some(subsurface) => Ok(baker.diffusing(subsurface)?),

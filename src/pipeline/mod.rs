@@ -53,7 +53,10 @@ mod timing;
 mod tradeoff;
 mod tradeoff_page;
 mod trim;
+#[cfg(test)]
+mod two_nodes;
 mod validation;
+mod valued;
 mod workbench;
 
 pub use crate::dataset::Dataset;
@@ -89,7 +92,7 @@ pub use receivers::Receivers;
 pub use reference::{ReferenceBaked, bake_reference, job_of, rays_per_point};
 pub use run::{DATASET, FIGURES, MODEL, Outcome, RECIPE, REPORT, examine, meets_target, run};
 pub use search::{Searched, VALIDATION, exhaustive, search};
-pub use spent::{Spent, spent};
+pub use spent::{Missed, Spent, spent};
 pub use still::{
     MOST_STILL_FRAMES, MOST_TURN_FRAMES, STILL_SIZES, Still, StillError, StillPicture,
     spread_times, still,
@@ -102,3 +105,4 @@ pub use subdivide::{
 pub use surroundings::Occluders;
 pub use tradeoff::{Tradeoff, tradeoff};
 pub use trim::Trimmed;
+pub use valued::{Valued, valued};

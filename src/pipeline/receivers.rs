@@ -41,7 +41,7 @@ impl Receivers {
             (None, None) => return Ok(()),
             (Some(ReceiversRecipe { file, sha256 }), Some(receivers)) => {
                 let found = hash::scene(&receivers.sources);
-                if found != hash::scene(&scene.sources) {
+                if !hash::same_contents(&receivers.sources, &scene.sources) {
                     *file = receivers.sources.first().map(|s| s.name.clone()).unwrap_or_default();
                     *sha256 = Some(found);
                     return Ok(());

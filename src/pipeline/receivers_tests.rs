@@ -4,7 +4,7 @@ use super::*;
 use crate::dataset::Dataset;
 use crate::pipeline::recipe::SignalName;
 use crate::pipeline::recipe::surroundings::{GroundRecipe, OccludersRecipe};
-use crate::pipeline::{Around, Job, Watch, bake, fit, job_of};
+use crate::pipeline::{Around, Job, Watch, bake, buried, fit, job_of};
 use crate::pose::RootMotion;
 use crate::scene::{self, Limits, figure};
 
@@ -139,8 +139,47 @@ fn nonsense_is_refused() {
         Job::among(character(), around, recipe).expect_err("must be refused").to_string()
     };
     assert!(among(Some(character()), named.clone()).contains("the scene itself"));
+    let renamed = import("copy.glb", figure::figure());
+    assert!(among(Some(renamed), named.clone()).contains("the scene itself"));
     assert!(among(None, named.clone()).contains("was not read"));
     assert!(among(Some(patch()), recipe()).contains("does not name"));
     named.fit.family = crate::pipeline::recipe::FamilyName::Occluder;
     assert!(among(Some(patch()), named).contains("bake.surroundings.receivers"));
+}
+
+/// A closed box around the figure, faces outwards, buries it where it blocks. Receivers block nothing of the
+/// figure, and walls beyond the furthest distance take no light away: then nothing is said.
+#[test]
+fn what_does_not_block_buries_nobody() {
+    let hull = || {
+        let corners =
+            "v -3 -3 -3\nv 3 -3 -3\nv 3 3 -3\nv -3 3 -3\nv -3 -3 3\nv 3 -3 3\nv 3 3 3\nv -3 3 3\n";
+        let faces = "f 1 4 3 2\nf 5 6 7 8\nf 1 5 8 4\nf 2 3 7 6\nf 1 2 6 5\nf 4 8 7 3\n";
+        import("hull.obj", format!("{corners}{faces}").into())
+    };
+    // Building the figure takes longer than looking around in it.
+    let figure = character();
+    let within = |around: Around, recipe: &Recipe| {
+        let mut recipe = recipe.clone();
+        recipe.poses.clips = Some(vec!["walk".into()]);
+        buried(&Job::among(figure.clone(), around, recipe).unwrap()).unwrap()
+    };
+    let occluding = || Around { occluders: Some(hull()), receivers: None };
+    let alone = within(Around::default(), &recipe());
+    let mut blocking = recipe();
+    let named = OccludersRecipe { file: "hull.obj".into(), sha256: None };
+    blocking.bake.surroundings.occluders = Some(named);
+    let told = within(occluding(), &blocking);
+    assert!(told.len() == 1 && told[0].contains("inside other geometry"), "{told:?}");
+    assert_ne!(told, alone);
+
+    let mut receiving = recipe();
+    let named = ReceiversRecipe { file: "hull.obj".into(), sha256: None };
+    receiving.bake.surroundings.receivers = Some(named);
+    let around = Around { occluders: None, receivers: Some(hull()) };
+    assert_eq!(within(around, &receiving), alone);
+
+    let mut near = recipe();
+    (blocking.bake.max_distance_m, near.bake.max_distance_m) = (Some(0.5), Some(0.5));
+    assert_eq!(within(occluding(), &blocking), within(Around::default(), &near));
 }

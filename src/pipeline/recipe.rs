@@ -196,6 +196,10 @@ pub struct BakeRecipe {
     /// takes for the mean over all rounds to have this standard error, lower than the one before it.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub more_noise: Vec<f32>,
+    /// The most rays of a round of `more_noise` at a point, 1 to 1,000,000; when absent those of `rays` where
+    /// there is a `noise`, else 16,384.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub most_rays: Option<u32>,
     /// Shading normals of each pose are computed from its triangles; for morph targets and sequences
     /// that move positions only.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
@@ -239,6 +243,7 @@ impl Default for BakeRecipe {
             bounces: 0,
             more_rays: Vec::new(),
             more_noise: Vec::new(),
+            most_rays: None,
             recompute_normals: false,
             vertex_fit: None,
             albedo: None,

@@ -11,7 +11,7 @@ use crate::model::{Model, Precision};
 
 use super::report_stills::stills;
 use super::run::headline_rms;
-use super::{Figures, Job, ReferenceSettings, rays_per_point, reference_notice};
+use super::{Figures, Job, ReferenceSettings, rays_per_point, reference_notice, spent};
 
 /// The page of a measured model.
 #[must_use]
@@ -28,6 +28,9 @@ pub(super) fn page(
     let kept = |count: usize| (count > 0).then_some(count);
     let mesh = dataset.mesh();
     let short = reference_notice(&job.recipe.bake, settings);
+    // A report is not refused for what cannot be read again.
+    let missed = spent(dataset).ok().flatten().and_then(|spent| spent.missed);
+    let short = short.into_iter().chain(missed.map(|missed| missed.story()));
     html(&ReportInput {
         title: &job.recipe.scene.file,
         made_by: concat!("poselight ", env!("CARGO_PKG_VERSION")),

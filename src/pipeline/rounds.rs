@@ -12,7 +12,9 @@
 //! Σ w(nᵢ) / w(Σ nᵢ) of the numbers nᵢ = σᵢ⁻¹ᐟᵃ that their noises ask for.
 //!
 //! Where V is the variance that the rounds so far were aimed at and τ² the one that is asked for, a round has to
-//! have σ², with 1/τ² = 1/V + 1/σ².
+//! have σ², with 1/τ² = 1/V + 1/σ². Rays that were stated were aimed at nothing, but what they leave of an
+//! outline is known as well as what the round's own would: the first round to a noise after them counts them
+//! in wherever it chooses ([`Baker::to_noise_beside`]), so a point that has enough of them gets no more.
 
 use super::{Error, Job, recipe};
 use crate::bake::{self, Baker, Noise, NoiseGoal};
@@ -79,7 +81,7 @@ impl Noises {
     /// What each further round is baked to.
     fn further(&self) -> Vec<Noise> {
         let precision = |noise: f32| f64::from(noise).powi(-2);
-        // Rays that were stated are of unknown worth.
+        // Rays that were stated are counted in where the round's own are chosen.
         let mut before = self.first.map_or(0.0, precision);
         let of = |&target: &f32| {
             let lacking = precision(target) - before;
@@ -89,15 +91,19 @@ impl Noises {
         self.more.iter().map(of).collect()
     }
 
-    /// What each further round weighs.
-    fn weights(&self) -> Vec<Weights> {
+    /// What each further round weighs, after rounds of stated rays where those come first.
+    fn weights(&self, stated: &[u32]) -> Vec<Weights> {
         let rays = |noise: Noise| f64::from(noise.target).powf(-1.0 / RATE);
-        // Sums over the rounds before, of rays and of what they are worth. Of stated rays it is not known
-        // how they compare.
+        // Sums over the rounds before, of rays and of what they are worth. How stated rays compare with those
+        // that a noise asks for is not known.
         let mut sums =
             self.first().map_or([0.0; 2], |noise| [rays(noise), rays(noise).powf(2.0 * RATE)]);
         let of = |noise: Noise| {
-            let before = if sums[0] > 0.0 { sums[1] / sums[0].powf(2.0 * RATE) } else { 1.0 };
+            let before = if sums[0] > 0.0 {
+                sums[1] / sums[0].powf(2.0 * RATE)
+            } else {
+                worth_of_stated(stated)
+            };
             sums = [sums[0] + rays(noise), sums[1] + rays(noise).powf(2.0 * RATE)];
             Weights::Worth { before }
         };
@@ -105,15 +111,30 @@ impl Noises {
     }
 }
 
-/// The most rays of a round to a noise.
+/// What rounds that each weigh their rays are worth together, of what they would be worth as one.
+fn worth_of_stated(rounds: &[u32]) -> f64 {
+    let all: f64 = rounds.iter().copied().map(f64::from).sum();
+    let variance: f64 =
+        rounds.iter().map(|&rays| (f64::from(rays) / all).powi(2) / worth(f64::from(rays))).sum();
+    if variance > 0.0 { 1.0 / (variance * worth(all)) } else { 1.0 }
+}
+
+/// The most rays of a further round to a noise.
 pub(super) fn most_rays(bake: &recipe::BakeRecipe) -> u32 {
-    if bake.noise.is_some() { bake.rays } else { recipe::MOST_RAYS_TO_NOISE }
+    let first = bake.noise.map_or(recipe::MOST_RAYS_TO_NOISE, |_| bake.rays);
+    bake.most_rays.unwrap_or(first)
+}
+
+/// The rays of each round of stated ones, as they are cast.
+pub(super) fn stated_rays(bake: &recipe::BakeRecipe) -> Vec<u32> {
+    let first = bake.noise.is_none().then_some(bake.rays);
+    first.iter().chain(&bake.more_rays).map(|&rays| bake::rays_cast(rays)).collect()
 }
 
 /// What each round of a job after the first weighs.
 pub(super) fn weights(job: &Job) -> Vec<Weights> {
     let stated = job.recipe.bake.more_rays.iter().map(|_| Weights::Rays);
-    stated.chain(job.checked.noises.weights()).collect()
+    stated.chain(job.checked.noises.weights(&stated_rays(&job.recipe.bake))).collect()
 }
 
 /// What bakes each round of a job.
@@ -122,10 +143,16 @@ pub(super) fn bakers(job: &Job) -> Result<Vec<Baker>, Error> {
     let mut bakers = vec![job.baker(&first, noises.first())?];
     let stated = job.recipe.bake.more_rays.iter().map(|&rays| (rays, None));
     let most = most_rays(&job.recipe.bake);
+    let mut beside = stated_rays(&job.recipe.bake);
     let to_noise = noises.further().into_iter().map(|noise| (most, Some(noise)));
     for (round, (rays, noise)) in (1..).zip(stated.chain(to_noise)) {
-        let seed = hash(&[first.seed, ROUND_KEY, round]);
-        bakers.push(job.baker(&bake::Settings { rays, seed, ..first }, noise)?);
+        let settings =
+            bake::Settings { rays, seed: hash(&[first.seed, ROUND_KEY, round]), ..first };
+        bakers.push(match noise {
+            None => job.baker(&settings, None)?,
+            // The rounds after it go by what this one was taken to.
+            Some(noise) => job.baker_beside(&settings, noise, &std::mem::take(&mut beside))?,
+        });
     }
     Ok(bakers)
 }

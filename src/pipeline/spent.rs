@@ -1,6 +1,10 @@
-//! What a bake has cast, and how noisy it still is.
+//! What a bake has cast, how noisy it still is, and whether that is what was asked for.
 
-use super::Error;
+use serde::Serialize;
+
+use super::recipe::{BakeRecipe, NoiseGoalName};
+use super::{Error, recipe_of, rounds};
+use crate::bake;
 use crate::dataset::Dataset;
 
 /// Poses that are looked at, at most: a data set may be far larger than is worth reading for it.
@@ -15,6 +19,63 @@ pub struct Spent {
     pub rays_per_point: f64,
     /// The root mean square of the standard error of a coefficient.
     pub noise: f64,
+    /// How the noise that was asked for was missed, where it was.
+    pub missed: Option<Missed>,
+}
+
+/// A noise that the most rays did not reach.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Missed {
+    /// What was asked for.
+    pub asked: f32,
+    /// Whether at each point; else as a root mean square.
+    pub at_each: bool,
+    /// The root mean square over points and poses.
+    pub rms: f64,
+    /// The largest at a point.
+    pub worst: f32,
+    /// The share of points that have had the most rays and are noisier than asked for.
+    pub share: f64,
+    /// The most rays, all rounds together.
+    pub most_rays: u32,
+}
+
+impl Missed {
+    /// A sentence for the user.
+    #[must_use]
+    pub fn story(&self) -> String {
+        let Self { asked, at_each, rms, worst, share, most_rays } = self;
+        let (rms, worst, share) = (format!("{rms:.5}"), format!("{worst:.5}"), 100.0 * share);
+        let rest = format!(
+            "{share:.2} % of the vertices have had the most rays, {most_rays}, and are noisier, the worst \
+             {worst}: --rays allows more"
+        );
+        if *at_each {
+            format!(
+                "the noise {asked} is not reached at every vertex: {rest} (over all, RMS {rms})"
+            )
+        } else {
+            format!("the noise {asked} is not reached: RMS {rms}; {rest}")
+        }
+    }
+}
+
+/// What was asked for, and the rays from which a point has had all that it may have.
+struct Asked {
+    noise: f32,
+    at_each: bool,
+    most_rays: u32,
+}
+
+impl Asked {
+    fn of(bake: &BakeRecipe) -> Option<Self> {
+        let noise = bake.more_noise.last().copied().or(bake.noise)?;
+        let stated: u32 = rounds::stated_rays(bake).iter().sum();
+        let most = if bake.more_noise.is_empty() { bake.rays } else { rounds::most_rays(bake) };
+        let most_rays = stated.saturating_add(bake::most_to_noise(most));
+        let at_each = bake.noise_goal != Some(NoiseGoalName::Mean);
+        Some(Self { noise, at_each, most_rays })
+    }
 }
 
 /// Reads what is stored of rays and noise; nothing where no pose is baked yet.
@@ -32,15 +93,37 @@ pub fn spent(dataset: &Dataset) -> Result<Option<Spent>, Error> {
     if poses == 0 || layout.points == 0 {
         return Ok(None);
     }
+    let asked = recipe_of(dataset).ok().and_then(|recipe| Asked::of(&recipe.bake));
     let (mut rays, mut noise) = (vec![0; layout.points], vec![0.0; layout.points]);
     let (mut sum, mut squares) = (0.0, 0.0);
+    let (mut short, mut worst) = (0_usize, 0.0_f32);
     for step in 0..poses {
         let pose = baked[step * baked.len() / poses];
         dataset.read_rays(pose, &mut rays)?;
         dataset.read_noise(&[pose], 0..layout.points, &mut noise)?;
         sum += rays.iter().map(|&rays| f64::from(rays)).sum::<f64>();
         squares += noise.iter().map(|&noise| f64::from(noise).powi(2)).sum::<f64>();
+        if let Some(asked) = &asked {
+            let pairs = rays.iter().zip(&noise);
+            let at_most =
+                pairs.filter(|(rays, noise)| **rays >= asked.most_rays && **noise > asked.noise);
+            at_most.for_each(|(_, &noise)| (short, worst) = (short + 1, worst.max(noise)));
+        }
     }
     let count = (poses * layout.points) as f64;
-    Ok(Some(Spent { poses, rays_per_point: sum / count, noise: (squares / count).sqrt() }))
+    let (rays_per_point, noise) = (sum / count, (squares / count).sqrt());
+    let missed = asked.filter(|asked| short > 0 && (asked.at_each || noise > asked.noise.into()));
+    let missed = missed.map(|Asked { noise: asked, at_each, most_rays }| Missed {
+        asked,
+        at_each,
+        rms: noise,
+        worst,
+        share: short as f64 / count,
+        most_rays,
+    });
+    Ok(Some(Spent { poses, rays_per_point, noise, missed }))
 }
+
+#[cfg(test)]
+#[path = "spent_tests.rs"]
+mod tests;

@@ -7,6 +7,7 @@ use glam::{DQuat, Vec3};
 use super::evaluate::{EvaluateError, Light as ModelLight, Query};
 use super::gloss::Gloss;
 use super::recipe_of_model;
+use super::valued::{Valued, valued};
 use crate::model::{Model, Signal};
 use crate::pose;
 use crate::render::{Camera, Image, Light, Panel, Picture, Stage, captioned, sheet};
@@ -51,9 +52,12 @@ pub fn still(
     settings: &Still<'_>,
 ) -> Result<StillPicture, StillError> {
     check(settings, model.is_some())?;
+    let valued = model.map(|model| valued(model, scene)).transpose()?;
+    let scene = valued.as_ref().map_or(scene, |valued| valued.scene.as_ref());
     let frames = frames(scene, settings)?;
     let mut notices: Vec<String> =
         frames.first().and_then(|f| grain(scene, f)).into_iter().collect();
+    notices.extend(valued.iter().flat_map(Valued::untold));
     let untold = model.and_then(untold);
     if let Some(untold) = untold {
         notices.push(format!("no truth is shown: {untold}"));
@@ -197,8 +201,20 @@ impl Look<'_> {
         panels
     }
 
-    /// One or three colours at each vertex.
-    fn values(&self, model: &Model, (frame, eye): (&Posed, Vec3)) -> Result<Vec<f32>, StillError> {
+    /// One or three colours at each vertex of the scene.
+    fn values(&self, model: &Model, of: (&Posed, Vec3)) -> Result<Vec<f32>, StillError> {
+        let mut values = self.all_values(model, of)?;
+        // Receivers come last, and are not in the scene.
+        let colours = values.len() / (model.header().mesh.vertices as usize).max(1);
+        values.truncate(colours * of.0.mesh.positions.len());
+        Ok(values)
+    }
+
+    fn all_values(
+        &self,
+        model: &Model,
+        (frame, eye): (&Posed, Vec3),
+    ) -> Result<Vec<f32>, StillError> {
         let query = Query::from_pose(model, self.scene, &frame.pose)?;
         let mut out = Vec::new();
         if model.header().signal == Signal::Ao {

@@ -8,7 +8,7 @@ use super::recipe::surroundings::{GroundRecipe, SurroundingsRecipe};
 use super::{Error, hash, receivers};
 use crate::bake::{self, NO_POINT, View};
 use crate::pose::{PoseSet, RootMotion};
-use crate::rig::{self, Deformed, Mesh, Points, Pose, RigidFrame, Skeleton};
+use crate::rig::{self, Deformed, Mesh, Part, Points, Pose, RigidFrame, Skeleton};
 use crate::scene::{Scene, Source};
 
 /// Before the names of an occluder scene's files among a data set's sources. A scheme, so no file
@@ -58,7 +58,7 @@ impl Occluders {
             (None, None) => {}
             (Some(named), Some(still)) => {
                 let sha256 = hash::scene(&still.sources);
-                if sha256 == hash::scene(&scene.sources) {
+                if hash::same_contents(&still.sources, &scene.sources) {
                     let fault = "the occluders' file is the scene itself, so that every surface \
                                  would lie in its own double";
                     return Err(Error::Surroundings(fault.to_owned()));
@@ -166,7 +166,7 @@ pub(super) fn part(sources: Vec<Source>) -> [Vec<Source>; 3] {
 }
 
 /// Which nodes are among the named ones or below them.
-fn carried(skeleton: &Skeleton, names: &[String]) -> Result<Vec<bool>, Error> {
+pub(super) fn carried(skeleton: &Skeleton, names: &[String]) -> Result<Vec<bool>, Error> {
     let mut carried = vec![false; skeleton.nodes.len()];
     for name in names {
         let node = skeleton.find(name).ok_or_else(|| {
@@ -251,12 +251,13 @@ fn ground_m(
     Ok(height)
 }
 
-/// One view for each mesh that does not see everything.
+/// One view for each mesh that does not see everything, or for each node that shows it where it is itself
+/// that it does not see: of two nodes with one mesh, each blocks the other.
 fn views(around: &SurroundingsRecipe, mesh: &Mesh, points: &Points) -> Result<Vec<View>, Error> {
-    let own = around.ignore_self.iter().map(|name| (name, name));
-    let pairs = around.ignore.iter().flat_map(|[a, b]| [(a, b), (b, a)]);
-    let all: Vec<(&String, &String)> = own.chain(pairs).collect();
-    for (name, _) in &all {
+    let pairs = || around.ignore.iter().flat_map(|[a, b]| [(a, b), (b, a)]);
+    let mut names: Vec<&String> = around.ignore_self.iter().collect();
+    names.extend(pairs().map(|(seer, _)| seer));
+    for name in &names {
         if !mesh.parts.iter().any(|part| part.name == **name) {
             let known: Vec<&str> = mesh.parts.iter().map(|part| part.name.as_str()).collect();
             return Err(Error::Surroundings(format!(
@@ -266,20 +267,33 @@ fn views(around: &SurroundingsRecipe, mesh: &Mesh, points: &Points) -> Result<Ve
         }
     }
     let mut views = Vec::new();
-    let mut names: Vec<&String> = all.iter().map(|(seer, _)| *seer).collect();
     names.sort_unstable();
     names.dedup();
     for name in names {
         let unseen: Vec<&String> =
-            all.iter().filter(|(seer, _)| *seer == name).map(|(_, unseen)| *unseen).collect();
-        let hidden = mesh.parts.iter().filter(|part| unseen.contains(&&part.name));
-        let seers = mesh.parts.iter().filter(|part| part.name == *name);
-        let mut seen_by: Vec<u32> =
-            seers.flat_map(|part| &points.of_vertex[part.vertices.clone()]).copied().collect();
-        seen_by.sort_unstable();
-        seen_by.dedup();
-        let hidden = hidden.map(|part| part.triangles.clone()).collect();
-        views.push(View { points: seen_by, hidden });
+            pairs().filter(|(seer, _)| *seer == name).map(|(_, unseen)| unseen).collect();
+        let named = || mesh.parts.iter().filter(|part| part.name == *name);
+        let mut nodes: Vec<Option<usize>> = named().map(|part| Some(part.node)).collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        if !around.ignore_self.contains(name) {
+            nodes = vec![None];
+        }
+        for node in nodes {
+            let of_node = |part: &&Part| node.is_none_or(|node| part.node == node);
+            let itself = |part: &&Part| node.is_some() && part.name == *name && of_node(part);
+            let mut seen_by: Vec<u32> = named()
+                .filter(of_node)
+                .flat_map(|part| &points.of_vertex[part.vertices.clone()])
+                .copied()
+                .collect();
+            seen_by.sort_unstable();
+            seen_by.dedup();
+            let hidden =
+                mesh.parts.iter().filter(|part| unseen.contains(&&part.name) || itself(part));
+            let hidden = hidden.map(|part| part.triangles.clone()).collect();
+            views.push(View { points: seen_by, hidden });
+        }
     }
     Ok(views)
 }

@@ -4,7 +4,7 @@ use super::*;
 use crate::dataset::Dataset;
 use crate::pipeline::recipe::SignalName;
 use crate::pipeline::recipe::surroundings::OccludersRecipe;
-use crate::pipeline::{Job, Watch, bake, bake_reference};
+use crate::pipeline::{Job, Watch, bake, bake_reference, two_nodes};
 use crate::scene::{self, Limits, figure};
 
 fn import(name: &str, bytes: Vec<u8>) -> Scene {
@@ -119,6 +119,9 @@ fn nonsense_is_refused() {
     let named = |r: &mut SurroundingsRecipe| r.occluders = Some(OccludersRecipe::default());
     let message = refused(Some(character()), recipe(named));
     assert!(message.contains("the scene itself"), "{message}");
+    let renamed = import("copy.glb", figure::figure());
+    let message = refused(Some(renamed), recipe(named));
+    assert!(message.contains("the scene itself"), "{message}");
     assert!(refused(None, recipe(named)).contains("not read"));
     let message = refused(None, recipe(|r| r.ground = Some(GroundRecipe::HeightM(50.0))));
     assert!(message.contains("above the character"), "{message}");
@@ -126,4 +129,29 @@ fn nonsense_is_refused() {
     assert!(message.contains("no node \"Tail\""), "{message}");
     let message = refused(None, recipe(|r| r.ignore_self = vec!["Cape".into()]));
     assert!(message.contains("no mesh \"Cape\""), "{message}");
+}
+
+/// Of two nodes that show one mesh each is itself: a floor that does not see itself lies under its twin's
+/// shadow all the same, and lies open where all nodes of the mesh do not see one another.
+#[test]
+fn itself_is_the_same_node() {
+    let floor = |edit: fn(&mut SurroundingsRecipe)| {
+        let mut recipe = Recipe::default();
+        (recipe.bake.signal, recipe.bake.rays) = (SignalName::Ao, 256);
+        edit(&mut recipe.bake.surroundings);
+        let job = Job::new(two_nodes::scene(true), None, recipe).unwrap();
+        let baker = job.baker(&job.checked.bake, None).unwrap();
+        let posed = job.traced(0);
+        let mesh = bake::posed(&job, 0, &posed);
+        let ao = baker.bake(&[mesh], &AtomicBool::new(false)).unwrap().swap_remove(0).coefficients;
+        let points = &job.poses.points.of_vertex[4..];
+        points.iter().map(|&point| ao[point as usize]).fold(1.0, f32::min)
+    };
+    let shadowed = floor(|_| ());
+    assert!(shadowed < 0.95, "{shadowed}");
+    assert_eq!(floor(|around| around.ignore_self = vec!["square".into()]), shadowed);
+    let pair = |around: &mut SurroundingsRecipe| {
+        around.ignore = vec![["square".to_owned(), "square".to_owned()]];
+    };
+    assert_eq!(floor(pair), 1.0);
 }

@@ -55,8 +55,14 @@ mod tests {
     #[test]
     fn what_is_carried_turns_with_its_node() {
         let rest = Affine3A::from_rotation_translation(Quat::from_rotation_x(0.7), Vec3::Y * 2.0);
-        let part =
-            Part { node: 9, primitive: 0, name: "patch".into(), vertices: 0..3, triangles: 0..1 };
+        let part = Part {
+            node: 9,
+            source_node: 9,
+            primitive: 0,
+            name: "patch".into(),
+            vertices: 0..3,
+            triangles: 0..1,
+        };
         let still = Deformed {
             positions: vec![Vec3::X, Vec3::Y, Vec3::Z],
             normals: vec![Vec3::Y * 3.0; 3],

@@ -31,6 +31,8 @@ pub struct Influence {
 pub struct Part {
     /// The carrying node, index into [`super::Skeleton::nodes`].
     pub node: usize,
+    /// The file's own number of the node that shows it; 0 where files know no nodes.
+    pub source_node: usize,
     /// The primitive's index within the node's mesh.
     pub primitive: usize,
     /// Mesh name, for messages.

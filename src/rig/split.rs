@@ -68,6 +68,7 @@ mod tests {
     fn mesh() -> Mesh {
         let part = |index: usize| Part {
             node: index,
+            source_node: index,
             primitive: 0,
             name: format!("part{index}"),
             vertices: 3 * index..3 * index + 3,

@@ -1,12 +1,16 @@
 //! Values at vertices written into a GLB, everything else of the file as it was.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::{Value, json};
 
 use super::Error;
 use super::container::{ARRAY_BUFFER, finish, open, push, push_view, shown};
 use crate::rig::Part;
+
+/// glTF's modes of primitives with a surface: lists, strips and fans, in this order.
+const TRIANGLES: u64 = 4;
+const TRIANGLE_FAN: u64 = 6;
 
 /// Values of one attribute at all vertices of the scene.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,7 +28,7 @@ pub struct Attribute {
 /// # Errors
 /// [`Error::Glb`] where the file is no GLB with a binary chunk; [`Error::Invalid`] where it is not
 /// the scene's, two nodes share a mesh (which has room for the values of one), or an attribute of
-/// that name is there.
+/// that name is there. Parts of the scene that are left out get no values.
 pub fn attach(glb: &[u8], parts: &[Part], attributes: &[Attribute]) -> Result<Vec<u8>, Error> {
     let (mut document, mut binary) = open(glb)?;
     let targets = targets(&document, parts)?;
@@ -52,56 +56,47 @@ pub(super) struct Origin {
     pub(super) primitive: usize,
 }
 
-/// Where each part came from: import goes by node, by instance, then by primitive.
+/// Where each part came from: the node that import took it from, and what is there still.
 pub(super) fn origins(document: &Value, parts: &[Part]) -> Result<Vec<Origin>, Error> {
-    let mut found = Vec::new();
     let shown = shown(document);
-    let mut next = parts.iter().peekable();
-    let nodes = document["nodes"].as_array().map_or(&[][..], Vec::as_slice);
-    for (index, node) in nodes.iter().enumerate() {
-        let Some(&number) = shown.get(&index) else { continue };
-        let Some(mesh) = node["mesh"].as_u64().map(|mesh| mesh as usize) else { continue };
-        let instanced = !node["extensions"]["EXT_mesh_gpu_instancing"].is_null();
-        let primitives = document["meshes"][mesh]["primitives"].as_array();
-        loop {
-            let before = found.len();
-            for (at, primitive) in primitives.into_iter().flatten().enumerate() {
-                let positions = primitive["attributes"]["POSITION"].as_u64();
-                let count =
-                    positions.and_then(|p| document["accessors"][p as usize]["count"].as_u64());
-                let same = |part: &&Part| {
-                    let here = instanced || part.node == number;
-                    let size = part.vertices.len() as u64;
-                    here && part.primitive == at && count == Some(size)
-                };
-                if next.next_if(same).is_some() {
-                    found.push(Origin { node: index, mesh, primitive: at });
-                }
-            }
-            if !instanced || found.len() == before {
-                break;
-            }
-        }
-    }
-    match next.next() {
-        None => Ok(found),
-        Some(part) => Err(Error::invalid(
-            format!("mesh {:?}", part.name),
-            "it is not where the scene had it: the file is another one",
-        )),
-    }
+    let of = |part: &Part| {
+        let node = part.source_node;
+        let mesh = document["nodes"][node]["mesh"].as_u64()? as usize;
+        let primitive = document["meshes"][mesh]["primitives"].get(part.primitive)?;
+        let positions = primitive["attributes"]["POSITION"].as_u64()? as usize;
+        let count = document["accessors"][positions]["count"].as_u64()?;
+        let mode = primitive.get("mode").map_or(Some(TRIANGLES), Value::as_u64)?;
+        let same = shown.contains_key(&node)
+            && (TRIANGLES..=TRIANGLE_FAN).contains(&mode)
+            && count == part.vertices.len() as u64;
+        same.then_some(Origin { node, mesh, primitive: part.primitive })
+    };
+    let one = |part: &Part| {
+        of(part).ok_or_else(|| {
+            let place = format!("mesh {:?}", part.name);
+            Error::invalid(place, "it is not where the scene had it: the file is another one")
+        })
+    };
+    parts.iter().map(one).collect()
 }
 
 /// The mesh and primitive of each part, which must be the only one there.
 fn targets(document: &Value, parts: &[Part]) -> Result<Vec<(usize, usize)>, Error> {
-    let mut used = BTreeMap::new();
+    let mut nodes_of = BTreeMap::new();
+    for node in shown(document).into_keys() {
+        if let Some(mesh) = document["nodes"][node]["mesh"].as_u64() {
+            *nodes_of.entry(mesh as usize).or_insert(0) += 1;
+        }
+    }
+    let mut used = BTreeSet::new();
     let one = |Origin { node, mesh, primitive }| {
-        let fault = match used.insert((mesh, primitive), node) {
-            None => return Ok((mesh, primitive)),
-            Some(other) if other == node => {
-                "its mesh is shown by many instances, and has room for the values of one".to_owned()
-            }
-            Some(_) => format!("its mesh {mesh} is another node's too; give each its own"),
+        // Also where the other node is none of the parts: it would show their values.
+        let fault = if nodes_of.get(&mesh).is_some_and(|&nodes| nodes > 1) {
+            format!("its mesh {mesh} is another node's too; give each its own")
+        } else if used.insert((mesh, primitive)) {
+            return Ok((mesh, primitive));
+        } else {
+            "its mesh is shown by many instances, and has room for the values of one".to_owned()
         };
         Err(Error::invalid(format!("nodes[{node}]"), fault))
     };

@@ -52,6 +52,14 @@ impl<'a> Budget<'a> {
         Self { limits, taken: [0; Quantity::Keys as usize + 1] }
     }
 
+    /// Says whether so much would pass the limit, of what is given back before anything else is taken.
+    pub(super) fn pass(&mut self, what: Quantity, amount: u64, place: &str) -> Result<(), Error> {
+        let before = self.taken[what as usize];
+        let passed = self.take(what, amount, place);
+        self.taken[what as usize] = before;
+        passed
+    }
+
     /// Adds to a total, or says that the limit is passed.
     pub(super) fn take(&mut self, what: Quantity, amount: u64, place: &str) -> Result<(), Error> {
         let taken = &mut self.taken[what as usize];

@@ -42,7 +42,7 @@ pub use error::Error;
 pub use gathered::as_glb;
 pub use limits::Limits;
 pub use refine::{RefinedPart, primitives, refine};
-pub use surface::{Alpha, MOST_ALBEDO, Material, Surface, Texture, Wrap};
+pub use surface::{Alpha, MOST_ALBEDO, Material, Picture, Surface, Texture, Wrap};
 
 use crate::rig::{Deformed, Mesh, Pose, RigidFrame, Skeleton, deform};
 use budget::{Budget, Notices};

@@ -200,8 +200,14 @@ fn assemble(
     let name = if stem.is_empty() { "mesh" } else { stem }.to_owned();
     let node = Node { name: name.clone(), parent: None, rest: Transform::IDENTITY };
     let count = positions.len();
-    let part =
-        Part { node: 0, primitive: 0, name, vertices: 0..count, triangles: 0..triangles.len() };
+    let part = Part {
+        node: 0,
+        source_node: 0,
+        primitive: 0,
+        name,
+        vertices: 0..count,
+        triangles: 0..triangles.len(),
+    };
     let mesh = Mesh {
         positions,
         normals,

@@ -6,13 +6,17 @@ use image::{DynamicImage, ImageReader, Limits};
 
 use super::Error;
 use super::budget::{Budget, Quantity};
-use super::surface::{Texture, Wrap};
+use super::surface::Picture;
 
 /// No side of a picture is longer: larger ones come from an attacker or belong in tiles.
 const MOST_SIDE: u32 = 16_384;
 
+/// Bytes of a texel while a picture is decoded: sixteen bits of four channels at most, eight bits of
+/// them, and what is kept.
+const DECODING_BYTES: u64 = 16;
+
 /// Decodes a picture to 8-bit sRGB. Its size is counted before anything is allocated.
-pub(super) fn decode(bytes: &[u8], place: &str, budget: &mut Budget) -> Result<Texture, Error> {
+pub(super) fn decode(bytes: &[u8], place: &str, budget: &mut Budget) -> Result<Picture, Error> {
     let reader = || {
         let mut reader = ImageReader::new(Cursor::new(bytes));
         let mut limits = Limits::default();
@@ -25,18 +29,22 @@ pub(super) fn decode(bytes: &[u8], place: &str, budget: &mut Budget) -> Result<T
         Error::invalid(place, format!("the picture cannot be decoded: {fault}"))
     };
     let (width, height) = reader()?.into_dimensions().map_err(undecodable)?;
-    // What the decoder holds, and what we keep of it.
     let texels = u64::from(width) * u64::from(height);
-    budget.take(Quantity::DecodedBytes, texels.saturating_mul(16), place)?;
-    let picture = reader()?.decode().map_err(undecodable)?;
-    Ok(texture(&picture, width, height))
+    budget.pass(Quantity::DecodedBytes, texels.saturating_mul(DECODING_BYTES), place)?;
+    let decoded = reader()?.decode().map_err(undecodable)?;
+    let picture = picture(decoded, width, height);
+    budget.take(Quantity::DecodedBytes, picture.bytes(), place)?;
+    Ok(picture)
 }
 
-fn texture(picture: &DynamicImage, width: u32, height: u32) -> Texture {
-    let texels = picture.to_rgb8().pixels().map(|texel| texel.0).collect();
-    let alpha = match picture.color().has_alpha() {
-        true => picture.to_rgba8().pixels().map(|texel| texel.0[3]).collect(),
-        false => Vec::new(),
+fn picture(decoded: DynamicImage, width: u32, height: u32) -> Picture {
+    let (texels, alpha) = if decoded.color().has_alpha() {
+        let decoded = decoded.into_rgba8();
+        let colour = |[r, g, b, _]: [u8; 4]| [r, g, b];
+        let texels = decoded.pixels().map(|texel| colour(texel.0)).collect();
+        (texels, decoded.pixels().map(|texel| texel.0[3]).collect())
+    } else {
+        (decoded.into_rgb8().pixels().map(|texel| texel.0).collect(), Vec::new())
     };
-    Texture { width, height, texels, alpha, wrap: [Wrap::Repeat; 2] }
+    Picture { width, height, texels, alpha }
 }

@@ -82,6 +82,7 @@ fn mesh(frames: &[Vec<Vec3>], triangles: Vec<[u32; 3]>) -> Mesh {
     };
     let part = Part {
         node: 0,
+        source_node: 0,
         primitive: 0,
         name: "sequence".into(),
         vertices: 0..vertices,

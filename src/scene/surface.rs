@@ -68,9 +68,18 @@ pub enum Wrap {
     Repeat,
 }
 
-/// A decoded picture.
+/// A picture with how it goes on beyond its edges.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Texture {
+    /// Textures of many materials may share one.
+    pub picture: Arc<Picture>,
+    /// Along u and v.
+    pub wrap: [Wrap; 2],
+}
+
+/// A decoded picture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
     /// Texels.
     pub width: u32,
     /// Texels.
@@ -79,8 +88,13 @@ pub struct Texture {
     pub texels: Vec<[u8; 3]>,
     /// Alpha of each texel; empty where all are opaque.
     pub alpha: Vec<u8>,
-    /// Along u and v.
-    pub wrap: [Wrap; 2],
+}
+
+impl Picture {
+    /// What it takes of memory.
+    pub(super) fn bytes(&self) -> u64 {
+        3 * self.texels.len() as u64 + self.alpha.len() as u64
+    }
 }
 
 impl Surface {
@@ -97,7 +111,7 @@ impl Surface {
         let grey = |[r, g, b]: [f32; 3]| r == g && g == b;
         let used = |index: usize| self.material.contains(&(index as u32));
         let plain = |material: &Material| {
-            let texels = material.texture.iter().flat_map(|texture| &texture.texels);
+            let texels = material.texture.iter().flat_map(|texture| &texture.picture.texels);
             grey(material.factor) && texels.into_iter().all(|[r, g, b]| r == g && g == b)
         };
         let mut materials = self.materials.iter().enumerate();
@@ -167,19 +181,21 @@ impl Texture {
     /// The linear colour at texture coordinates, interpolated between the four nearest texels.
     #[must_use]
     pub fn at(&self, uv: [f32; 2]) -> [f32; 3] {
-        if self.texels.is_empty() {
+        let texels = &self.picture.texels;
+        if texels.is_empty() {
             return [1.0; 3];
         }
-        self.mix(uv, |texel| self.texels[texel].map(linear)).unwrap_or([1.0; 3])
+        self.mix(uv, |texel| texels[texel].map(linear)).unwrap_or([1.0; 3])
     }
 
     /// Alpha at texture coordinates, likewise.
     #[must_use]
     pub fn alpha_at(&self, uv: [f32; 2]) -> f32 {
-        if self.alpha.is_empty() {
+        let alpha = &self.picture.alpha;
+        if alpha.is_empty() {
             return 1.0;
         }
-        let mixed = self.mix(uv, |texel| [f32::from(self.alpha[texel]) / 255.0]);
+        let mixed = self.mix(uv, |texel| [f32::from(alpha[texel]) / 255.0]);
         mixed.map_or(1.0, |[alpha]| alpha)
     }
 
@@ -192,10 +208,11 @@ impl Texture {
         if !(uv[0].is_finite() && uv[1].is_finite()) {
             return None;
         }
+        let Picture { width, height, .. } = *self.picture;
         let [(x0, x1, tx), (y0, y1, ty)] =
-            [(uv[0], self.width, self.wrap[0]), (uv[1], self.height, self.wrap[1])]
+            [(uv[0], width, self.wrap[0]), (uv[1], height, self.wrap[1])]
                 .map(|(at, count, wrap)| neighbours(at, count, wrap));
-        let texel = |x: u32, y: u32| value((y as usize) * self.width as usize + x as usize);
+        let texel = |x: u32, y: u32| value((y as usize) * width as usize + x as usize);
         let (a, b, c, d) = (texel(x0, y0), texel(x1, y0), texel(x0, y1), texel(x1, y1));
         Some(std::array::from_fn(|i| {
             let (top, bottom) = (a[i] + tx * (b[i] - a[i]), c[i] + tx * (d[i] - c[i]));
@@ -244,7 +261,8 @@ mod tests {
 
     fn checker(wrap: Wrap) -> Texture {
         let texels = vec![[0; 3], [255; 3], [255; 3], [0; 3]];
-        Texture { width: 2, height: 2, texels, alpha: vec![], wrap: [wrap; 2] }
+        let picture = Arc::new(Picture { width: 2, height: 2, texels, alpha: vec![] });
+        Texture { picture, wrap: [wrap; 2] }
     }
 
     /// Texel centres have their own colour, places between them the mean of linear light, and
@@ -290,7 +308,8 @@ mod tests {
     #[test]
     fn coverage_follows_the_mode() {
         let mut surface = Surface::plain([0.5; 3], 2);
-        let texture = Texture { alpha: vec![0, 255, 255, 0], ..checker(Wrap::Repeat) };
+        let mut texture = checker(Wrap::Repeat);
+        Arc::make_mut(&mut texture.picture).alpha = vec![0, 255, 255, 0];
         surface.materials[0].texture = Some(Arc::new(texture));
         surface.uv = vec![[[0.25, 0.25], [0.75, 0.25], [0.25, 0.75]]; 2];
         assert_eq!(surface.coverage(0, 0.0, 0.0), 1.0);

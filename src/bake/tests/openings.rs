@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::*;
-use crate::scene::{Alpha, Material, Surface, Texture, Wrap};
+use crate::scene::{Alpha, Material, Picture, Surface, Texture, Wrap};
 
 /// A level point under a square ceiling of half-width 1.5 at height 1, which faces down or up, and
 /// the share of its sky that the ceiling takes: F = 4/π · A atan A, A = a/√(1+a²).
@@ -43,7 +43,8 @@ fn alpha_lets_its_share_through() {
     let blended = Material { alpha: Alpha::Blend, opacity: 0.3, ..Material::default() };
     let texels = vec![[255; 3]; 16];
     let alpha = (0..16).map(|i| if (i / 4 + i % 4) % 2 == 0 { 255 } else { 0 }).collect();
-    let texture = Texture { width: 4, height: 4, texels, alpha, wrap: [Wrap::Repeat; 2] };
+    let picture = Arc::new(Picture { width: 4, height: 4, texels, alpha });
+    let texture = Texture { picture, wrap: [Wrap::Repeat; 2] };
     let masked = Material {
         alpha: Alpha::Mask(0.5),
         texture: Some(Arc::new(texture)),

@@ -19,10 +19,12 @@ pub(in crate::cli) fn apply(args: &ApplyArgs) -> anyhow::Result<Answer> {
     for output in std::iter::once(&args.output).chain(&args.receivers_output) {
         super::named(output, "glb")?;
     }
-    super::keep_input(&args.scene, &args.output)?;
+    keep_files(args)?;
     let model = super::read_model(&args.model)?.0;
-    let scene = pipeline::import(&args.scene)?;
+    let whole = pipeline::import(&args.scene)?;
     let receivers = args.receivers.as_deref().map(pipeline::import).transpose()?;
+    let valued = pipeline::valued(&model, &whole)?;
+    let scene = valued.scene.as_ref();
     let vertices = scene.mesh.positions.len();
     let received = receivers.as_ref().map_or(0, |receivers| receivers.mesh.positions.len());
     let expected = model.header().mesh.vertices as usize;
@@ -48,14 +50,14 @@ pub(in crate::cli) fn apply(args: &ApplyArgs) -> anyhow::Result<Answer> {
             pose::evaluate(clip, args.time, &rest)
         }
     };
-    let query = Query::from_pose(&model, &scene, &posed)?;
+    let query = Query::from_pose(&model, scene, &posed)?;
     let mut values = Vec::new();
     query.values(&model, None, None, &mut values)?;
     let mut attributes = attributes(&model, &values, args.colour);
     if args.bent_normals {
         attributes.push(bent_normals(&model, &values)?);
     }
-    let mut written = vec![(&args.output, attached(&scene, &attributes, 0)?)];
+    let mut written = vec![(&args.output, attached(scene, &attributes, 0)?)];
     if let (Some(receivers), Some(output)) = (&receivers, &args.receivers_output) {
         written.push((output, attached(receivers, &attributes, vertices)?));
     }
@@ -71,7 +73,25 @@ pub(in crate::cli) fn apply(args: &ApplyArgs) -> anyhow::Result<Answer> {
     if let Some(output) = &args.receivers_output {
         text += &format!("; so has {} at {received}", output.display());
     }
-    Ok(Answer::new(text, json!({ "output": args.output, "attributes": names })))
+    if valued.taken > 0 {
+        text += &format!("; {} vertices that only block have none", valued.taken);
+    }
+    let json = json!({
+        "output": args.output,
+        "attributes": names,
+        "vertices": vertices,
+        "vertices_without": valued.taken,
+    });
+    Ok(Answer::new(text, json))
+}
+
+/// Refuses outputs that would replace what is read, or one another.
+fn keep_files(args: &ApplyArgs) -> Result<(), super::Usage> {
+    let mut inputs = vec![("model", args.model.as_path()), ("scene", args.scene.as_path())];
+    inputs.extend(args.receivers.as_deref().map(|path| ("receivers' scene", path)));
+    let mut outputs = vec![("the output", args.output.as_path())];
+    outputs.extend(args.receivers_output.as_deref().map(|path| ("--receivers-output", path)));
+    super::keep_apart(&inputs, &outputs)
 }
 
 /// The file of a scene whose first vertex is the model's vertex `first`, with its share of the attributes.

@@ -38,9 +38,13 @@ pub(in crate::cli) fn bake(args: &BakeArgs, watch: &Watch) -> anyhow::Result<Ans
     if let Some(spent) = &spent {
         text += &format!("\n  {}", left(spent));
     }
+    let missed = spent.as_ref().and_then(|spent| spent.missed);
+    // Known only now, and told with the rest.
+    job.scene.notices.extend(missed.map(|missed| missed.story()));
     text += &format!("\n{}", summary(&job, &baked));
     let mut figures = figures(&job, &baked);
     figures["noise_rms"] = json!(spent.map(|spent| spent.noise));
+    figures["noise_missed"] = json!(missed);
     let json =
         json!({ "dataset": args.output, "bake": figures, "notices": pipeline::notices(&job) });
     Ok(Answer::new(text, json))

@@ -4,27 +4,31 @@ use std::path::Path;
 
 use anyhow::{bail, ensure};
 use glam::Vec3;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::cli::args::EvaluateArgs;
 use crate::cli::{Answer, files as arrays, light_source};
 use crate::model::{Model, Signal};
-use crate::pipeline::{self, GLOSS_LOBES, GLOSS_TERMS, Gloss, Light, Query};
-use crate::rig::Pose;
+use crate::pipeline::{self, GLOSS_LOBES, GLOSS_TERMS, Gloss, Light, Query, Scene, Valued};
+use crate::rig::{Part, Pose};
 use crate::sh::{Order, bent_normal};
 use crate::shade::{Reflector, factor};
 
 pub(in crate::cli) fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Answer> {
     super::named(&args.output, "npy")?;
     let model = super::read_model(&args.model)?.0;
-    let queries = match (&args.parameters, &args.scene, &args.clip) {
+    let scene = args.scene.as_deref().map(pipeline::import).transpose()?;
+    // The motion of another mesh on the same rig will do where the model does not look at the mesh.
+    let valued = scene.as_ref().and_then(|scene| pipeline::valued(&model, scene).ok());
+    let posed = valued.as_ref().map(|valued| valued.scene.as_ref()).or(scene.as_ref());
+    let queries = match (&args.parameters, posed, &args.clip) {
         (Some(path), _, _) => from_parameters(&model, path)?,
         (None, Some(scene), Some(clip)) => from_clip(&model, scene, clip, args.fps)?,
         (None, Some(scene), None) => vec![at_rest(&model, scene)?],
         (None, None, _) => bail!("give --parameters or --scene"),
     };
     if let Some(brdf) = &args.brdf {
-        return reflect(args, &model, brdf, queries);
+        return reflect(args, (&model, posed), brdf, queries);
     }
     let light = args.light.as_deref().map(|source| read_light(&model, source)).transpose()?;
     let mut values = Vec::new();
@@ -53,9 +57,18 @@ pub(in crate::cli) fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Answer> {
     if outside > 0.0 {
         text += &format!("; brought within [0, 1] from up to {outside:.4} outside");
     }
+    let rows = valued.as_ref().filter(|valued| valued.taken > 0 || valued.receivers > 0);
+    if let Some(valued) = rows {
+        text += &format!("\n  {}", told(valued));
+    }
+    if scene.is_some() && valued.is_none() {
+        text += "\n  rows: the model's own vertices, in the order of the scene that it was made of; this one \
+                 has others, and gives the motion alone";
+    }
     let json = json!({
         "output": args.output,
         "shape": shape,
+        "rows": rows.map(rows_of),
         "frame": frame,
         "mahalanobis_max": furthest.0,
         "residual_max": furthest.1,
@@ -67,11 +80,11 @@ pub(in crate::cli) fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Answer> {
 /// Radiance towards an eye.
 fn reflect(
     args: &EvaluateArgs,
-    model: &Model,
+    (model, scene): (&Model, Option<&Scene>),
     brdf: &str,
     queries: Vec<Query>,
 ) -> anyhow::Result<Answer> {
-    let (Some(light), Some(eye), Some(scene)) = (&args.light, &args.eye, &args.scene) else {
+    let (Some(light), Some(eye), Some(scene)) = (&args.light, &args.eye, scene) else {
         bail!("--brdf wants --light, --eye and --scene");
     };
     let order = Order::new(model.header().order)?;
@@ -83,10 +96,9 @@ fn reflect(
     let gloss = Gloss::new(model, &read.light, reflector, GLOSS_LOBES)?;
     let eye = Vec3::from_slice(eye);
     ensure!(eye.is_finite(), "--eye is no place");
-    let scene = pipeline::import(scene)?;
     let (count, mut values) = (queries.len(), Vec::new());
     for query in queries {
-        query.posed(model, Some(&scene))?.reflected(
+        query.posed(model, Some(scene))?.reflected(
             model,
             (&gloss, eye, None),
             None,
@@ -121,17 +133,39 @@ fn from_parameters(model: &Model, path: &Path) -> anyhow::Result<Vec<Query>> {
     Ok(rows.map(|row| Query::from_parameters(model, row)).collect::<Result<_, _>>()?)
 }
 
-fn from_clip(model: &Model, path: &Path, name: &str, fps: f32) -> anyhow::Result<Vec<Query>> {
+fn from_clip(model: &Model, scene: &Scene, name: &str, fps: f32) -> anyhow::Result<Vec<Query>> {
     ensure!((0.1..=1000.0).contains(&fps), "--fps is {fps}; it must be 0.1 to 1000");
-    let scene = pipeline::import(path)?;
-    let times = Query::times_of(&scene, name, fps);
-    Ok(Query::from_clip(model, &scene, name, times)?)
+    let times = Query::times_of(scene, name, fps);
+    Ok(Query::from_clip(model, scene, name, times)?)
 }
 
-fn at_rest(model: &Model, path: &Path) -> anyhow::Result<Query> {
-    let scene = pipeline::import(path)?;
+fn at_rest(model: &Model, scene: &Scene) -> anyhow::Result<Query> {
     let rest = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
-    Ok(Query::from_pose(model, &scene, &rest)?)
+    Ok(Query::from_pose(model, scene, &rest)?)
+}
+
+/// Whose the rows are, where they are not the vertices of the scene one by one.
+fn told(valued: &Valued<'_>) -> String {
+    let own = valued.scene.mesh.positions.len();
+    let mut text = format!("rows: {own} vertices of the scene");
+    if valued.taken > 0 {
+        text += &format!(", without the {} that only block", valued.taken);
+    }
+    if valued.receivers > 0 {
+        text += &format!("; then {} of the receivers", valued.receivers);
+    }
+    text
+}
+
+/// The same by mesh: rows from `row` on are the scene's vertices from `vertex` on.
+fn rows_of(valued: &Valued<'_>) -> Value {
+    let of = |(part, &vertex): (&Part, &usize)| {
+        let (row, count) = (part.vertices.start, part.vertices.len());
+        json!({ "mesh": part.name, "row": row, "vertex": vertex, "vertices": count })
+    };
+    let parts = valued.scene.mesh.parts.iter().zip(&valued.first_vertices);
+    let parts: Vec<Value> = parts.map(of).collect();
+    json!({ "scene": parts, "receivers": valued.receivers })
 }
 
 fn read_light(model: &Model, source: &str) -> anyhow::Result<Light> {

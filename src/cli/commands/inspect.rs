@@ -127,6 +127,9 @@ fn dataset(path: &Path) -> anyhow::Result<Answer> {
     );
     if let Some(spent) = &spent {
         text += &format!("\n  {}", super::bake::left(spent));
+        if let Some(missed) = &spent.missed {
+            text += &format!("\n  note: {}", missed.story());
+        }
     }
     let json = json!({
         "kind": "dataset",
@@ -142,6 +145,7 @@ fn dataset(path: &Path) -> anyhow::Result<Answer> {
         "missing_blocks": missing,
         "rays_per_point": spent.map(|spent| spent.rays_per_point),
         "noise_rms": spent.map(|spent| spent.noise),
+        "noise_missed": spent.and_then(|spent| spent.missed),
         "hashes": attributes.hashes,
         "recipe": attributes.recipe,
     });

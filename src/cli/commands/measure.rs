@@ -71,7 +71,10 @@ pub(super) fn table(measured: &Measured) -> String {
 /// A sentence where the model is no better than the mean on the split that counts.
 fn remark(measured: &Measured) -> String {
     let found = measured.splits.iter().find(|split| Some(split.split) == measured.headline);
-    let Some(split) = found else { return String::new() };
+    // Of a scene that stands still there is nothing to learn but its mean.
+    let Some(split) = found.filter(|split| split.frames.time_s.len() > 1) else {
+        return String::new();
+    };
     let of = |name: &str| split.candidates.iter().find(|c| c.name == name)?.coefficients.rms;
     match (of(&measured.model), of("mean")) {
         (Some(model), Some(mean)) if measured.model != "mean" && model >= mean => format!(

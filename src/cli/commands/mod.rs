@@ -69,12 +69,37 @@ pub(super) struct Usage(pub(super) String);
 
 /// Refuses to write over what is read.
 fn keep_input(input: &Path, output: &Path) -> Result<(), Usage> {
-    let same = match (input.canonicalize(), output.canonicalize()) {
-        (Ok(input), Ok(output)) => input == output,
-        _ => false,
-    };
-    let told = || format!("the output would replace the scene {}: name another", input.display());
-    if same { Err(Usage(told())) } else { Ok(()) }
+    keep_apart(&[("scene", input)], &[("the output", output)])
+}
+
+/// Refuses outputs that would replace an input, or one another; each with what it is called.
+fn keep_apart(inputs: &[(&str, &Path)], outputs: &[(&str, &Path)]) -> Result<(), Usage> {
+    for (index, (output, path)) in outputs.iter().enumerate() {
+        let place = place(path);
+        let same = |other: &&(&str, &Path)| place == self::place(other.1);
+        if let Some((input, at)) = inputs.iter().find(same) {
+            let at = at.display();
+            return Err(Usage(format!("{output} would replace the {input} {at}: name another")));
+        }
+        if let Some((other, _)) = outputs[..index].iter().find(same) {
+            let path = path.display();
+            return Err(Usage(format!("{output} would replace {other} {path}: name another")));
+        }
+    }
+    Ok(())
+}
+
+/// Where a file is or would be, after every link.
+fn place(path: &Path) -> PathBuf {
+    if let Ok(place) = path.canonicalize() {
+        return place;
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let folder = folder.unwrap_or(Path::new(".")).canonicalize();
+    match (folder, path.file_name()) {
+        (Ok(folder), Some(name)) => folder.join(name),
+        _ => path.to_owned(),
+    }
 }
 
 /// Refuses an output whose name says another format than the one that is written.
@@ -136,6 +161,25 @@ mod tests {
         let told = |name: &str| named(Path::new(name), "png").expect_err(name).to_string();
         assert!(told("a/b.jpg").contains("a/b.png, not a/b.jpg"));
         assert!(told("still").contains("still.png, not still"));
+    }
+
+    /// Outputs keep clear of inputs and of one another, by whatever way their places are named; a sentence
+    /// says which of them meet.
+    #[test]
+    fn outputs_replace_nothing_that_counts() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir(at("sub")).expect("made");
+        std::fs::write(at("a.glb"), b"a").expect("written");
+        let around = at("sub/../a.glb");
+        let (input, new, again) = (at("a.glb"), at("new.glb"), at("sub/../new.glb"));
+        let inputs = [("scene", input.as_path())];
+        let told = |outputs: &[(&str, &Path)]| keep_apart(&inputs, outputs).map_err(|told| told.0);
+        assert_eq!(told(&[("the output", &new)]), Ok(()));
+        let replaced = told(&[("the output", &new), ("--more", &around)]).expect_err("the input");
+        assert!(replaced.starts_with("--more would replace the scene"), "{replaced}");
+        let met = told(&[("the output", &new), ("--more", &again)]).expect_err("met");
+        assert!(met.starts_with("--more would replace the output"), "{met}");
     }
 
     /// A scene or a folder in the place of a model is named as what it is.

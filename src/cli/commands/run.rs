@@ -6,7 +6,7 @@ use super::Usage;
 use crate::cli::args::RunArgs;
 use crate::cli::{Answer, units};
 use crate::pipeline::recipe::{ChooseName, FitRecipe, Recipe};
-use crate::pipeline::{self, Job, Watch};
+use crate::pipeline::{self, Dataset, Job, Watch};
 
 pub(in crate::cli) fn run(args: &RunArgs, watch: &Watch) -> anyhow::Result<Answer> {
     let mut recipe = super::start(&args.recipe)?;
@@ -31,6 +31,9 @@ pub(in crate::cli) fn run(args: &RunArgs, watch: &Watch) -> anyhow::Result<Answe
     let mut job = pipeline::refined(job, &place, watch)?;
     job.scene.notices.extend(chosen);
     let outcome = pipeline::run(&job, &args.output, watch)?;
+    let spent = pipeline::spent(&Dataset::open(&args.output.join(pipeline::DATASET))?)?;
+    let missed = spent.and_then(|spent| spent.missed);
+    job.scene.notices.extend(missed.map(|missed| missed.story()));
     let figures = &outcome.figures;
     let mut text = super::bake::summary(&job, &outcome.baked);
     text += &format!(

@@ -58,6 +58,7 @@ fn settings(signal: Signal, bands: u8, points: usize, name: &str) -> Settings {
         vertex_of_point: (0..points as u32).collect(),
         parts: vec![Part {
             node: 0,
+            source_node: 0,
             primitive: 0,
             name: name.to_owned(),
             vertices: 0..points,

@@ -62,6 +62,11 @@ pub(super) fn checked_noises(recipe: &BakeRecipe) -> Result<Noises, RecipeError>
     }
     let rounds = recipe.more_noise.len();
     require(rounds <= 16, field, rounds, "there are at most 16 rounds")?;
+    if let Some(most) = recipe.most_rays {
+        let field = "bake.most_rays";
+        require((1..=bake::MOST_RAYS).contains(&most), field, most, "it must be 1 to 1000000")?;
+        require(rounds > 0, field, most, "it means nothing without further rounds to a noise")?;
+    }
     Ok(Noises { first: recipe.noise, more: recipe.more_noise.clone(), goal })
 }
 

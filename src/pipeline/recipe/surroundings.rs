@@ -23,7 +23,8 @@ pub struct SurroundingsRecipe {
     /// hang below the character's root, nothing is taken out of the character's motion.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub occluder_nodes: Vec<String>,
-    /// Meshes that do not block their own points.
+    /// Meshes that do not block their own points. Of several nodes that show one, each is itself; a pair of
+    /// a mesh with itself in `ignore` is all of them.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ignore_self: Vec<String>,
     /// Pairs of meshes that do not block one another.

@@ -46,6 +46,8 @@ const INDICES: Format = Format {
 struct Carrier {
     /// In the skeleton.
     node: usize,
+    /// In the file.
+    source_node: usize,
     name: String,
     /// Where the node has a skin.
     skin: Option<Joints>,
@@ -88,7 +90,8 @@ pub(super) fn read(file: &mut File, graph: &Graph) -> Result<Built, Error> {
         let slots = slots[index].clone();
         for &node in &graph.carriers[index] {
             let (name, slots) = (name.clone(), slots.clone());
-            let mut carrier = Carrier { node, name, skin, rigid: None, slots };
+            let source_node = index;
+            let mut carrier = Carrier { node, source_node, name, skin, rigid: None, slots };
             for (at, primitive) in source.primitives.iter().enumerate() {
                 let place = format!("meshes[{mesh_index}].primitives[{at}]");
                 file.budget.take(Quantity::Parts, 1, &place)?;
@@ -111,7 +114,8 @@ pub(super) fn hidden_fault(file: &mut File) -> Result<(), Error> {
     for (index, source) in root.meshes.iter().enumerate() {
         let slots = 0..morph::target_count(source, index)?;
         let (mut mesh, mut deformers) = (Mesh::default(), Deformers::new(0));
-        let mut carrier = Carrier { node: 0, name: String::new(), skin: None, rigid: None, slots };
+        let name = String::new();
+        let mut carrier = Carrier { node: 0, source_node: 0, name, skin: None, rigid: None, slots };
         for (at, primitive) in source.primitives.iter().enumerate() {
             let place = format!("meshes[{index}].primitives[{at}]");
             file.budget.take(Quantity::Parts, 1, &place)?;
@@ -158,6 +162,7 @@ fn add_primitive(
     append_influences(mesh, weights, place)?;
     mesh.parts.push(Part {
         node: carrier.node,
+        source_node: carrier.source_node,
         primitive: index,
         name: carrier.name.clone(),
         vertices,

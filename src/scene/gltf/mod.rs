@@ -47,7 +47,7 @@ pub(super) fn external(
 ) -> Result<Vec<String>, Error> {
     let mut names = buffer::external(&document.root, budget)?;
     if content.plain().is_some() {
-        for name in surface::external(&document.root)? {
+        for name in surface::external(&document.root) {
             budget.take(Quantity::Files, 1, &name)?;
             if !names.contains(&name) {
                 names.push(name);
@@ -91,7 +91,7 @@ pub(super) fn build(
         return Err(unread.unwrap_or(Error::NoTriangles { place: graph.scene }));
     }
     let surface = match content.plain() {
-        Some(plain) => Some(surface::read(&mut file, &graph, &built.mesh, sources, plain)?),
+        Some(plain) => Some(surface::read(&mut file, &built.mesh, sources, plain)?),
         None => {
             surface::tell_alpha(&mut file);
             None

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use gltf::json::accessor::{ComponentType, Type};
 use gltf::json::image::Image;
 use gltf::json::material::{AlphaMode, Material as Json};
-use gltf::json::mesh::Semantic;
+use gltf::json::mesh::{Primitive, Semantic};
 use gltf::json::texture::{Info, WrappingMode};
 use gltf::json::validation::Checked;
 
@@ -13,12 +13,11 @@ use super::File;
 use super::accessor::Format;
 use super::buffer::Sources;
 use super::mesh::check_count;
-use super::node::Graph;
 use crate::rig::{Mesh, Part};
 use crate::scene::budget::Quantity;
 use crate::scene::error::Error;
 use crate::scene::source::relative_name;
-use crate::scene::surface::{Alpha, Material, Surface, Texture, Wrap};
+use crate::scene::surface::{Alpha, Material, Picture, Surface, Texture, Wrap};
 use crate::scene::{picture, uri};
 
 const FRACTIONS: &[(ComponentType, Option<bool>)] = &[
@@ -40,75 +39,83 @@ struct Mapping {
 }
 
 /// The names of the external pictures that base colours use, each once.
-pub(super) fn external(root: &gltf::json::Root) -> Result<Vec<String>, Error> {
+pub(super) fn external(root: &gltf::json::Root) -> Vec<String> {
     let mut names = Vec::new();
     for material in &root.materials {
         let Some(info) = &material.pbr_metallic_roughness.base_color_texture else { continue };
         let image = root.textures.get(info.index.value()).map(|texture| texture.source.value());
-        let Some((index, uri)) = image.and_then(|i| Some((i, root.images.get(i)?.uri.as_ref()?)))
-        else {
-            continue;
-        };
+        let Some(uri) = image.and_then(|i| root.images.get(i)?.uri.as_ref()) else { continue };
         if uri::is_data(uri) {
             continue;
         }
-        let place = format!("images[{index}].uri");
-        let name = relative_name(uri).map_err(|fault| Error::invalid(&place, fault))?;
-        if !names.contains(&name) {
+        // A name that cannot be is told where a triangle needs it.
+        if let Ok(name) = relative_name(uri)
+            && !names.contains(&name)
+        {
             names.push(name);
         }
     }
-    Ok(names)
+    names
+}
+
+/// Pictures, each decoded once however many textures show it.
+struct Pictures<'a> {
+    sources: &'a Sources<'a>,
+    decoded: Vec<Option<Arc<Picture>>>,
+}
+
+/// The primitive that a part came from, and the number of its mesh.
+fn primitive<'a>(root: &'a gltf::json::Root, part: &Part) -> Option<(usize, &'a Primitive)> {
+    let mesh = root.nodes.get(part.source_node)?.mesh?.value();
+    Some((mesh, root.meshes.get(mesh)?.primitives.get(part.primitive)?))
 }
 
 /// Reads what the mesh's triangles reflect. `plain` is the reflectance of parts without a material.
+/// Pictures of materials that no part has are not looked at.
 pub(super) fn read(
     file: &mut File,
-    graph: &Graph,
     mesh: &Mesh,
     sources: &Sources,
     plain: f32,
 ) -> Result<Surface, Error> {
     let root = file.root;
+    let parts = || mesh.parts.iter().filter_map(|part| Some((part, primitive(root, part)?)));
+    let mut used = vec![false; root.materials.len()];
+    for (part, (mesh, primitive)) in parts() {
+        let Some(material) = primitive.material else { continue };
+        let (index, count) = (material.value(), used.len());
+        let Some(used) = used.get_mut(index) else {
+            let place = format!("meshes[{mesh}].primitives[{}].material", part.primitive);
+            return Err(Error::Reference { place, list: "materials", index, count });
+        };
+        *used = true;
+    }
     let mut surface = Surface::plain([plain; 3], 0);
     let mut mappings = vec![None];
-    for (index, material) in root.materials.iter().enumerate() {
-        let (material, mapping) = read_material(file, index, material, sources)?;
+    let mut pictures = Pictures { sources, decoded: vec![None; root.images.len()] };
+    for ((index, material), used) in root.materials.iter().enumerate().zip(used) {
+        let (material, mapping) =
+            read_material(file, (index, material), used.then_some(&mut pictures))?;
         surface.materials.push(material);
         mappings.push(mapping);
     }
     let textured = mappings.iter().any(Option::is_some);
     let (mut coloured, mut translucent) = (false, false);
-    let mut parts = mesh.parts.iter().peekable();
-    for (index, node) in root.nodes.iter().enumerate() {
-        let (Some(source), true) = (node.mesh, graph.shown[index]) else { continue };
-        let primitives = root.meshes[source.value()].primitives.iter().enumerate();
-        let shown = graph.carriers[index].iter();
-        let shown = shown.flat_map(|&own| primitives.clone().map(move |(at, one)| (own, at, one)));
-        for (own, at, primitive) in shown {
-            let Some(part) = parts.next_if(|part| part.node == own && part.primitive == at) else {
-                continue;
-            };
-            let material = primitive.material.map_or(0, |material| material.value() + 1);
-            if material > root.materials.len() {
-                let place = format!("meshes[{}].primitives[{at}].material", source.value());
-                let (list, count) = ("materials", root.materials.len());
-                return Err(Error::Reference { place, list, index: material - 1, count });
-            }
-            surface.material.extend(part.triangles.clone().map(|_| material as u32));
-            if textured {
-                let uv = texture_coordinates(file, primitive, part, mappings[material])?;
-                surface.uv.extend(corners(mesh, part, &uv));
-            }
-            let colours = colours(file, primitive, part)?;
-            coloured |= colours.is_some();
-            let colours = colours.unwrap_or_else(|| vec![[1.0; 4]; part.vertices.len()]);
-            let rgb: Vec<[f32; 3]> = colours.iter().map(|&[r, g, b, _]| [r, g, b]).collect();
-            let alpha: Vec<f32> = colours.iter().map(|colour| colour[3]).collect();
-            translucent |= alpha.iter().any(|&alpha| alpha < 1.0);
-            surface.colour.extend(corners(mesh, part, &rgb));
-            surface.alpha.extend(corners(mesh, part, &alpha));
+    for (part, (_, primitive)) in parts() {
+        let material = primitive.material.map_or(0, |material| material.value() + 1);
+        surface.material.extend(part.triangles.clone().map(|_| material as u32));
+        if textured {
+            let uv = texture_coordinates(file, primitive, part, mappings[material])?;
+            surface.uv.extend(corners(mesh, part, &uv));
         }
+        let colours = colours(file, primitive, part)?;
+        coloured |= colours.is_some();
+        let colours = colours.unwrap_or_else(|| vec![[1.0; 4]; part.vertices.len()]);
+        let rgb: Vec<[f32; 3]> = colours.iter().map(|&[r, g, b, _]| [r, g, b]).collect();
+        let alpha: Vec<f32> = colours.iter().map(|colour| colour[3]).collect();
+        translucent |= alpha.iter().any(|&alpha| alpha < 1.0);
+        surface.colour.extend(corners(mesh, part, &rgb));
+        surface.alpha.extend(corners(mesh, part, &alpha));
     }
     if !coloured {
         surface.colour = Vec::new();
@@ -131,7 +138,7 @@ fn corners<'a, T: Copy>(
 
 fn texture_coordinates(
     file: &mut File,
-    primitive: &gltf::json::mesh::Primitive,
+    primitive: &Primitive,
     part: &Part,
     mapping: Option<Mapping>,
 ) -> Result<Vec<[f32; 2]>, Error> {
@@ -159,7 +166,7 @@ fn texture_coordinates(
 
 fn colours(
     file: &mut File,
-    primitive: &gltf::json::mesh::Primitive,
+    primitive: &Primitive,
     part: &Part,
 ) -> Result<Option<Vec<[f32; 4]>>, Error> {
     let Some(accessor) = primitive.attributes.get(&Checked::Valid(Semantic::Colors(0))) else {
@@ -187,7 +194,7 @@ pub(super) fn tell_alpha(file: &mut File) {
             _ => continue,
         };
         let primitives = file.root.meshes.iter().flat_map(|mesh| &mesh.primitives);
-        let own = |primitive: &gltf::json::mesh::Primitive| {
+        let own = |primitive: &Primitive| {
             primitive.material.is_some_and(|material| material.value() == index)
         };
         if primitives.into_iter().any(own) {
@@ -200,9 +207,8 @@ pub(super) fn tell_alpha(file: &mut File) {
 
 fn read_material(
     file: &mut File,
-    index: usize,
-    json: &Json,
-    sources: &Sources,
+    (index, json): (usize, &Json),
+    pictures: Option<&mut Pictures<'_>>,
 ) -> Result<(Material, Option<Mapping>), Error> {
     let pbr = &json.pbr_metallic_roughness;
     let place = format!("materials[{index}]");
@@ -220,8 +226,10 @@ fn read_material(
     };
     let double_sided = json.double_sided;
     let plain = Material { factor, texture: None, alpha, opacity, double_sided };
-    let Some(info) = &pbr.base_color_texture else { return Ok((plain, None)) };
-    let texture = Some(Arc::new(read_texture(file, info, &place, sources)?));
+    let (Some(info), Some(pictures)) = (&pbr.base_color_texture, pictures) else {
+        return Ok((plain, None));
+    };
+    let texture = Some(Arc::new(read_texture(file, info, &place, pictures)?));
     Ok((Material { texture, ..plain }, Some(mapping(info))))
 }
 
@@ -250,7 +258,7 @@ fn read_texture(
     file: &mut File,
     info: &Info,
     place: &str,
-    sources: &Sources,
+    pictures: &mut Pictures<'_>,
 ) -> Result<Texture, Error> {
     let root = file.root;
     let missing = |list, index, count| {
@@ -263,10 +271,14 @@ fn read_texture(
     let source = texture.source.value();
     let image =
         root.images.get(source).ok_or_else(|| missing("images", source, root.images.len()))?;
-    let place = format!("images[{source}]");
-    let decoded = {
-        let bytes = image_bytes(file, image, &place, sources)?;
-        picture::decode(&bytes, &place, file.budget)?
+    let picture = if let Some(picture) = &pictures.decoded[source] {
+        Arc::clone(picture)
+    } else {
+        let place = format!("images[{source}]");
+        let bytes = image_bytes(file, image, &place, pictures.sources)?;
+        let picture = Arc::new(picture::decode(&bytes, &place, file.budget)?);
+        pictures.decoded[source] = Some(Arc::clone(&picture));
+        picture
     };
     let sampler = texture.sampler.and_then(|sampler| root.samplers.get(sampler.value()));
     let wrap = |mode: Checked<WrappingMode>| match mode {
@@ -275,7 +287,7 @@ fn read_texture(
         _ => Wrap::Repeat,
     };
     let wrap = sampler.map_or([Wrap::Repeat; 2], |s| [s.wrap_s, s.wrap_t].map(wrap));
-    Ok(Texture { wrap, ..decoded })
+    Ok(Texture { picture, wrap })
 }
 
 /// The encoded picture.

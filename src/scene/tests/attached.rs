@@ -76,3 +76,54 @@ fn what_cannot_be_written_is_refused() {
         assert!(attach(&glb[..length], &parts, &[attribute("_AO", 1)]).is_err(), "{length}");
     }
 }
+
+/// Lines of the first node have as many vertices as the triangles of the second: the values go to the
+/// primitive that import took, also where the first is a mesh of points without a surface.
+#[test]
+fn values_go_to_what_import_took() {
+    for mode in [0, 1, 3] {
+        let mut maker = Maker::new();
+        let lines = maker.accessor("VEC3", &[9.0_f32; 9]);
+        let attributes = json!({"POSITION": lines});
+        let lines = maker.mesh(&json!({"attributes": attributes, "mode": mode}));
+        maker.root(json!({"mesh": lines}));
+        let positions = maker.accessor("VEC3", &TRIANGLE);
+        let attributes = json!({"POSITION": positions});
+        let triangle = maker.mesh(&json!({"attributes": attributes}));
+        maker.root(json!({"mesh": triangle}));
+        let glb = maker.glb();
+        let parts = import_bytes("a.glb", &glb).unwrap().mesh.parts;
+        let written = json_of(&attach(&glb, &parts, &[attribute("_AO", 1)]).unwrap());
+        let held =
+            |mesh: usize| !written["meshes"][mesh]["primitives"][0]["attributes"]["_AO"].is_null();
+        assert_eq!([held(lines), held(triangle)], [false, true], "mode {mode}");
+        // Parts of another file, in which that node has the lines, are not this file's.
+        let mut others = parts.clone();
+        others[0].source_node = 0;
+        assert!(attach(&glb, &others, &[attribute("_AO", 1)]).is_err());
+    }
+}
+
+/// Two nodes of three vertices each, of which the first was taken out as an occluder: the other gets the
+/// values. Where both show one mesh, either would show them, and that is refused.
+#[test]
+fn what_was_taken_out_gets_nothing() {
+    let two = |shared: bool| {
+        let mut maker = Maker::triangle();
+        let mesh = if shared {
+            0
+        } else {
+            let positions = maker.accessor("VEC3", &TRIANGLE);
+            maker.mesh(&json!({"attributes": {"POSITION": positions}}))
+        };
+        maker.root(json!({"mesh": mesh}));
+        let glb = maker.glb();
+        let whole = import_bytes("a.glb", &glb).unwrap().mesh;
+        let (lit, _) = whole.split(|part| part.source_node == 0);
+        attach(&glb, &lit.parts, &[attribute("_AO", 1)]).map(|written| json_of(&written))
+    };
+    let written = two(false).unwrap();
+    let held = |mesh: usize| &written["meshes"][mesh]["primitives"][0]["attributes"]["_AO"];
+    assert!(held(0).is_null() && held(1).is_u64());
+    assert!(two(true).unwrap_err().to_string().contains("another node's"));
+}

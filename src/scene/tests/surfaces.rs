@@ -1,6 +1,7 @@
 //! What triangles reflect, as the file says it.
 
 use std::io::Cursor;
+use std::sync::Arc;
 
 use image::{ImageFormat, RgbImage};
 
@@ -165,4 +166,81 @@ fn hostile_pictures_are_refused() {
     assert!(surfaced(&astray).is_err());
     let wrong = pictured(json!({"uri": "p.png"}), &json!({"index": 5}));
     assert!(surfaced(&wrong).is_err());
+}
+
+/// A square picture of this side, all red.
+fn red(side: u32) -> Vec<u8> {
+    let mut out = Cursor::new(Vec::new());
+    let picture = RgbImage::from_pixel(side, side, image::Rgb([255, 0, 0]));
+    picture.write_to(&mut out, ImageFormat::Png).unwrap();
+    out.into_inner()
+}
+
+/// Triangles of as many materials, each with its own texture, of these images.
+fn wardrobe(images: &[String], textures: &[usize]) -> Maker {
+    let mut maker = Maker::new();
+    let positions = maker.accessor("VEC3", &TRIANGLE);
+    let uv = maker.accessor("VEC2", &[0.25_f32, 0.25, 0.75, 0.25, 0.25, 0.75]);
+    for uri in images {
+        maker.push("images", json!({"uri": uri}));
+    }
+    for &image in textures {
+        let texture = maker.push("textures", json!({"source": image}));
+        let pbr = json!({"baseColorTexture": {"index": texture}});
+        let material = maker.push("materials", json!({"pbrMetallicRoughness": pbr}));
+        let attributes = json!({"POSITION": positions, "TEXCOORD_0": uv});
+        let mesh = maker.mesh(&json!({"attributes": attributes, "material": material}));
+        maker.root(json!({"mesh": mesh}));
+    }
+    maker
+}
+
+fn within(maker: &Maker, pictures: &[(String, Vec<u8>)], limit: u64) -> Result<Surface, Error> {
+    let mut sources = maker.sources();
+    let source =
+        |(name, bytes): &(String, Vec<u8>)| Source { name: name.clone(), bytes: bytes.clone() };
+    sources.extend(pictures.iter().map(source));
+    let limits = Limits { decoded_bytes: limit, ..Limits::default() };
+    let content = Content::Surface { plain: PLAIN };
+    Ok(import_sources_content(sources, &limits, content)?.surface.unwrap())
+}
+
+/// Ten materials that share a picture share what it was decoded to, and count it once: a limit that one
+/// picture just passes while it is decoded lets all of them through. Eight pictures of 1/64 of a side of
+/// 4,096 fit into 1/4096 of the default limit, as eight whole ones fit into all of it.
+#[test]
+fn pictures_are_decoded_once() {
+    let name = "p.png".to_owned();
+    let maker = wardrobe(std::slice::from_ref(&name), &[0; 10]);
+    let pictures = [(name, red(64))];
+    // Ten parts of three vertices take a little, too.
+    let surface = within(&maker, &pictures, 64 * 64 * 16 + 4096).unwrap();
+    let of = |material: usize| {
+        Arc::as_ptr(&surface.materials[material].texture.as_ref().unwrap().picture)
+    };
+    assert!((2..=10).all(|material| of(material) == of(1)));
+    assert_eq!(surface.albedo(9, 0.2, 0.2), [MOST_ALBEDO, 0.0, 0.0]);
+    assert!(within(&maker, &pictures, 64 * 64 * 16 - 1).is_err());
+
+    let pictures: Vec<(String, Vec<u8>)> = (0..8).map(|i| (format!("{i}.png"), red(64))).collect();
+    let names: Vec<String> = pictures.iter().map(|(name, _)| name.clone()).collect();
+    let maker = wardrobe(&names, &[0, 1, 2, 3, 4, 5, 6, 7]);
+    assert!(within(&maker, &pictures, Limits::default().decoded_bytes / 4096).is_ok());
+}
+
+/// A material that no triangle has may lack its picture, or name one outside of the folder; one that a
+/// triangle has may not.
+#[test]
+fn unused_materials_need_no_picture() {
+    for uri in ["lost.png", "../lost.png"] {
+        let mut maker = Maker::triangle();
+        maker.push("images", json!({"uri": uri}));
+        maker.push("textures", json!({"source": 0}));
+        let pbr = json!({"baseColorTexture": {"index": 0}});
+        maker.push("materials", json!({"pbrMetallicRoughness": pbr}));
+        assert_eq!(surfaced(&maker).unwrap().albedo(0, 0.3, 0.3), [PLAIN; 3]);
+        maker.document["meshes"][0]["primitives"][0]["material"] = json!(0);
+        let told = surfaced(&maker).unwrap_err().to_string();
+        assert!(told.contains("lost.png"), "{told}");
+    }
 }

@@ -1,0 +1,102 @@
+use std::sync::atomic::AtomicBool;
+
+use super::*;
+use crate::dataset::Dataset;
+use crate::pipeline::recipe::surroundings::{ReceiversRecipe, SurroundingsRecipe};
+use crate::pipeline::recipe::{Recipe, SignalName};
+use crate::pipeline::{Around, Job, Query, Still, StillError, Watch, bake, fit, still, two_nodes};
+use crate::render::Tone;
+use crate::rig::Pose;
+use crate::scene::{self, Limits, Source, figure};
+
+/// A patch of one triangle far away.
+fn patch() -> Scene {
+    let bytes = b"v 40 0 0\nv 40 0 1\nv 41 0 1\nf 1 2 3\n".to_vec();
+    let source = Source { name: "patch.obj".into(), bytes };
+    scene::import_sources(vec![source], &Limits::default()).unwrap()
+}
+
+/// A model of ambient occlusion at the lid and the floor, in surroundings.
+fn model(receivers: Option<Scene>, edit: impl FnOnce(&mut SurroundingsRecipe)) -> Model {
+    let mut recipe = Recipe::default();
+    (recipe.bake.signal, recipe.bake.rays) = (SignalName::Ao, 64);
+    edit(&mut recipe.bake.surroundings);
+    let around = Around { occluders: None, receivers };
+    let job = Job::among(two_nodes::scene(false), around, recipe).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("d.zarr");
+    let stop = AtomicBool::new(false);
+    bake(&job, &path, &Watch { cancelled: &stop, report: &|_| () }).unwrap();
+    fit(&Dataset::open(&path).unwrap(), &job.recipe).unwrap().model
+}
+
+fn picture() -> Still<'static> {
+    Still {
+        clip: None,
+        times_s: Vec::new(),
+        view: [30.0, 40.0],
+        size: [24, 24],
+        samples: 1,
+        rays: 16,
+        gains: vec![4.0],
+        light: None,
+        brdf: None,
+        terms: 8,
+        lobes: 8,
+        turntable: None,
+        tone: Tone::Linear,
+        exposure_stops: 0.0,
+    }
+}
+
+/// A node that only blocks has no values: of the two squares the model is of the second in the file, so the
+/// floor's values land on the floor, and it alone is in the picture, which says so.
+#[test]
+fn what_blocks_is_taken_out() {
+    let whole = two_nodes::scene(false);
+    let model = model(None, |around| around.occluder_nodes = vec!["lid".into()]);
+    let own = valued(&model, &whole).unwrap();
+    assert_eq!((own.taken, own.receivers, &own.first_vertices[..]), (4, 0, &[4][..]));
+    assert_eq!(own.scene.mesh.parts[0].name, "ground");
+    assert_eq!(own.scene.mesh.positions.len(), 4);
+    let rest = Pose::rest(&own.scene.skeleton, &[]);
+    let mut values = Vec::new();
+    let query = Query::from_pose(&model, &own.scene, &rest).unwrap();
+    query.values(&model, None, None, &mut values).unwrap();
+    assert!(values.len() == 4 && values.iter().all(|&ao| ao < 0.95), "{values:?}");
+    let made = still(&whole, Some(&model), &picture()).unwrap();
+    assert!(made.notices.iter().any(|notice| notice.contains("4 vertices that only block")));
+}
+
+/// Receivers come last and are in another file: the scene's own vertices are the model's first, with and
+/// without a node that blocks, and the picture is of them.
+#[test]
+fn receivers_come_last() {
+    let whole = two_nodes::scene(false);
+    let named = |around: &mut SurroundingsRecipe| {
+        around.receivers = Some(ReceiversRecipe { file: "patch.obj".into(), sha256: None });
+    };
+    for (taken, nodes) in [(0, vec![]), (4, vec!["lid".to_owned()])] {
+        let model = model(Some(patch()), |around| {
+            named(around);
+            around.occluder_nodes = nodes;
+        });
+        let own = valued(&model, &whole).unwrap();
+        assert_eq!((own.taken, own.receivers), (taken, 3));
+        assert_eq!(own.scene.mesh.positions.len(), 8 - taken);
+        let made = still(&whole, Some(&model), &picture()).unwrap();
+        assert!(made.notices.iter().any(|notice| notice.contains("3 vertices of receivers")));
+    }
+}
+
+/// A model of another scene is refused with both numbers, and draws nothing.
+#[test]
+fn another_scene_is_refused() {
+    let source = Source { name: "figure.glb".into(), bytes: figure::figure() };
+    let figure = scene::import_sources(vec![source], &Limits::default()).unwrap();
+    let model = model(None, |_| ());
+    let told = valued(&model, &figure).unwrap_err().to_string();
+    assert!(told.ends_with("but the model is of a mesh with 8"), "{told}");
+    let refused = still(&figure, Some(&model), &picture());
+    assert!(matches!(refused, Err(StillError::Evaluate(EvaluateError::Vertices { .. }))));
+}
