@@ -5,7 +5,12 @@
 const MOST_TOLD: usize = 80;
 
 /// Flags that stages name in their sentences, with the recipe's field of each.
-const FIELDS: [(&str, &str); 2] = [("--hold-out", "`poses.hold_out`"), ("--noise", "`bake.noise`")];
+const FIELDS: [(&str, &str); 4] = [
+    ("--hold-out", "`poses.hold_out`"),
+    ("--noise", "`bake.noise`"),
+    ("--ground", "`bake.surroundings.ground`"),
+    ("--rays", "`bake.rays`"),
+];
 
 /// A stage's sentence with the recipe's fields in place of flags.
 pub(super) fn in_fields(text: &str) -> String {
