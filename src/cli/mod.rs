@@ -14,6 +14,7 @@ mod fit_args;
 mod heights_args;
 mod light_args;
 mod light_source;
+mod look_args;
 mod picture_args;
 mod rebind_args;
 mod screen;

@@ -2,27 +2,10 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 
 use super::light_args::LIGHT_HELP;
-use crate::render::Tone;
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub(crate) enum ToneArg {
-    /// As it is, cut off at white.
-    Linear,
-    /// A film's curve.
-    Filmic,
-}
-
-impl From<ToneArg> for Tone {
-    fn from(flag: ToneArg) -> Self {
-        match flag {
-            ToneArg::Linear => Self::Linear,
-            ToneArg::Filmic => Self::Filmic,
-        }
-    }
-}
+use super::look_args::{SamplingFlags, ScreenFlags};
 
 #[derive(Debug, Args)]
 pub(crate) struct StillArgs {
@@ -68,12 +51,8 @@ pub(crate) struct StillArgs {
     /// Frames per second of a turntable, 0.1 to 100.
     #[arg(long, value_name = "FPS", default_value_t = 12.0)]
     pub(crate) speed: f32,
-    /// How light is brought within the screen's range; differences never are.
-    #[arg(long, value_enum, default_value_t = ToneArg::Linear)]
-    pub(crate) tone: ToneArg,
-    /// Stops of exposure; at 0 the brightest open white surface is white.
-    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
-    pub(crate) exposure: f32,
+    #[command(flatten)]
+    pub(crate) screen: ScreenFlags,
     /// Degrees to look from about +Y, from +Z towards +X.
     #[arg(long, value_name = "DEGREES", default_value_t = 30.0, allow_negative_numbers = true)]
     pub(crate) yaw: f32,
@@ -83,12 +62,8 @@ pub(crate) struct StillArgs {
     /// Pixels of a panel, across and down, 16 to 4096.
     #[arg(long, num_args = 2, value_names = ["WIDTH", "HEIGHT"], default_values_t = [400, 560])]
     pub(crate) size: Vec<u32>,
-    /// Samples of a pixel, across and down, 1 to 8.
-    #[arg(long, value_name = "N", default_value_t = 2)]
-    pub(crate) samples: u32,
-    /// Rays of each sample of the truth.
-    #[arg(long, value_name = "N", default_value_t = 64)]
-    pub(crate) rays: u32,
+    #[command(flatten)]
+    pub(crate) sampling: SamplingFlags,
     /// The picture to write.
     #[arg(short, long, value_name = "OUT.png")]
     pub(crate) output: PathBuf,

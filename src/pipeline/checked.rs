@@ -288,7 +288,7 @@ fn error(field: &'static str, found: impl Display, expected: &'static str) -> Re
     RecipeError { field, found, expected }
 }
 
-fn require(
+pub(super) fn require(
     holds: bool,
     field: &'static str,
     found: impl Display,

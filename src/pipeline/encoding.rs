@@ -1,15 +1,12 @@
 //! The pose parameters of a fit, where they are not those that the data set stores: another
 //! parametrisation of the same poses needs no new bake.
 
-use glam::Vec3;
-
 use super::imported::Imported;
 use super::recipe::{FamilyName, FitRecipe, Recipe};
-use super::{Error, Job, RecipeError, recipe_of};
+use super::{Error, RecipeError, recipe_of};
 use crate::dataset::{Dataset, Training};
 use crate::model::{Model, RigHeader};
 use crate::pose::{Sample, Split};
-use crate::rig::{self, Deformed};
 
 /// The training poses of a data set in the parametrisation that a recipe's fit asks for, and the
 /// rig whose columns these are.
@@ -115,17 +112,10 @@ pub(super) fn parameters(model: &Model, dataset: &Imported<'_>) -> Result<Vec<f3
     }
     let job = dataset.job()?;
     let mut parameters = Vec::new();
-    for sample in &job.poses.samples {
-        let points = if model.needs_positions() { points_at(&job, sample) } else { Vec::new() };
-        parameters.extend(model.parameters_of_posed(&sample.pose, &points)?);
+    for (pose, sample) in job.poses.samples.iter().enumerate() {
+        let surface = model.needs_positions().then(|| job.surface(pose));
+        let points = surface.as_ref().map_or(&[][..], |surface| surface.as_surface().positions);
+        parameters.extend(model.parameters_of_posed(&sample.pose, points)?);
     }
     Ok(parameters)
-}
-
-/// Where the points are in a pose, in the root frame.
-fn points_at(job: &Job, sample: &Sample) -> Vec<Vec3> {
-    let globals = job.scene.skeleton.globals(&sample.pose.local);
-    let mut posed = Deformed::default();
-    rig::deform(&job.scene.mesh, &globals, &sample.pose.weights, sample.root, &mut posed);
-    job.poses.points.vertex.iter().map(|&vertex| posed.positions[vertex as usize]).collect()
 }

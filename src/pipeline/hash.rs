@@ -108,6 +108,11 @@ fn stage(name: &str, parts: &impl Serialize) -> String {
     hexadecimal(&hasher.finalize())
 }
 
+/// The SHA-256 of a file's bytes, lower-case hexadecimal.
+pub(super) fn sha256(bytes: &[u8]) -> String {
+    hexadecimal(&Sha256::digest(bytes))
+}
+
 fn hexadecimal(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

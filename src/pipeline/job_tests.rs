@@ -69,7 +69,8 @@ fn job(colour: [f32; 3], bounces: u32) -> Job {
 fn colour_bleeds_through_every_stage() {
     assert_eq!(job([0.5; 3], 2).reflectance.unwrap().channels, 1);
     assert!(job([0.9, 0.1, 0.1], 0).reflectance.is_none());
-    let job = job([0.9, 0.1, 0.1], 2);
+    // The floor hides half of the room from the wall's lower edge, which passes on as much less.
+    let job = job([0.98, 0.02, 0.02], 2);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("d.zarr");
     let stop = AtomicBool::new(false);
@@ -86,7 +87,7 @@ fn colour_bleeds_through_every_stage() {
     fitted.model.evaluate(&[], None, &mut values).unwrap();
     // A corner of the floor a metre from the wall.
     let [red, green, blue] = [0, 4, 8].map(|at| values[2 * 12 + at]);
-    assert!(red > green + 0.005 && (green - blue).abs() < 1e-6, "{red} {green} {blue}");
+    assert!(red > green + 0.01 && (green - blue).abs() < 1e-6, "{red} {green} {blue}");
 }
 
 /// A mean free path that is longer than the mesh is refused with both lengths; a shorter one bakes three

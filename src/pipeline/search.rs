@@ -217,7 +217,7 @@ fn conclude(
     estimates: Vec<Point>,
     left_out: String,
 ) -> Result<Searched, Error> {
-    let mut points: Vec<Point> = entries.iter().flat_map(Entry::finished).collect();
+    let points: Vec<Point> = entries.iter().flat_map(Entry::finished).collect();
     let of_point = entries.iter().flat_map(|e| e.points.iter().map(move |_| e.candidate));
     let choice = decide(&points, VALIDATION, target).ok_or(Error::NothingToChoose)?;
     let (chosen, met) = match choice {
@@ -233,12 +233,10 @@ fn conclude(
         Precision::I8 => PrecisionName::I8,
     };
     let fitted = fit(dataset, &recipe)?;
-    // Of the model itself, where an estimate stood.
-    points[chosen].bytes = fitted.model.to_bytes(precision)?.len() as u64;
     let square = points[chosen].errors.get(VALIDATION).map_or(0.0, |error| error.rms.powi(2));
     let shares = shares(dataset, &fitted, square)?;
     let search_s = start.elapsed().as_secs_f64();
-    Ok(Searched {
+    let mut found = Searched {
         points,
         estimates,
         chosen,
@@ -249,11 +247,13 @@ fn conclude(
         precision,
         left_out,
         search_s,
-    })
+    };
+    found.reconsider(target)?;
+    Ok(found)
 }
 
 impl Searched {
-    /// The verdict on the point of choice, once more with the bytes that its model has now.
+    /// The verdict on the point of choice, with the bytes of its model itself where an estimate stood.
     pub(super) fn reconsider(&mut self, target: &Target) -> Result<(), Error> {
         let point = &mut self.points[self.chosen];
         point.bytes = self.fitted.model.to_bytes(self.precision)?.len() as u64;

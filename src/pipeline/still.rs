@@ -377,4 +377,4 @@ fn untold(model: &Model) -> Option<&'static str> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

@@ -5,7 +5,6 @@ use crate::dataset::Dataset;
 use crate::pipeline::recipe::surroundings::{ReceiversRecipe, SurroundingsRecipe};
 use crate::pipeline::recipe::{Recipe, SignalName};
 use crate::pipeline::{Around, Job, Query, Still, StillError, Watch, bake, fit, still, two_nodes};
-use crate::render::Tone;
 use crate::rig::Pose;
 use crate::scene::{self, Limits, Source, figure};
 
@@ -31,22 +30,7 @@ fn model(receivers: Option<Scene>, edit: impl FnOnce(&mut SurroundingsRecipe)) -
 }
 
 fn picture() -> Still<'static> {
-    Still {
-        clip: None,
-        times_s: Vec::new(),
-        view: [30.0, 40.0],
-        size: [24, 24],
-        samples: 1,
-        rays: 16,
-        gains: vec![4.0],
-        light: None,
-        brdf: None,
-        terms: 8,
-        lobes: 8,
-        turntable: None,
-        tone: Tone::Linear,
-        exposure_stops: 0.0,
-    }
+    Still { view: [30.0, 40.0], ..still::tests::settings() }
 }
 
 /// A node that only blocks has no values: of the two squares the model is of the second in the file, so the

@@ -17,7 +17,7 @@ pub(in crate::cli) fn crowd(args: &CrowdArgs) -> anyhow::Result<Answer> {
     let places = places(args)?;
     let scene = pipeline::import(&args.scene)?;
     let (model, _) = super::read_model(&args.model)?;
-    let read = read_light(&args.light, Order::new(model.header().order)?, args.turn)?;
+    let read = read_light(&args.light, Order::new(model.header().order)?, args.material.turn)?;
     for notice in &read.notices {
         tracing::warn!("{notice}");
     }
@@ -26,16 +26,16 @@ pub(in crate::cli) fn crowd(args: &CrowdArgs) -> anyhow::Result<Answer> {
         spheres: args.spheres,
         floor_vertices: FLOOR_VERTICES,
         light: &read.light,
-        material: super::brdf::isotropic(&args.brdf)?,
-        terms: args.terms,
-        lobes: args.lobes,
+        material: super::brdf::isotropic(&args.material.brdf)?,
+        terms: args.material.terms,
+        lobes: args.material.lobes,
         view: [args.yaw, args.pitch],
         size: [args.size[0], args.size[1]],
-        samples: args.samples,
-        rays: args.rays,
+        samples: args.sampling.samples,
+        rays: args.sampling.rays,
         gains: if args.gain.is_empty() { vec![4.0] } else { args.gain.clone() },
-        tone: args.tone.into(),
-        exposure_stops: args.exposure,
+        tone: args.screen.tone.into(),
+        exposure_stops: args.screen.exposure,
     };
     let made = pipeline::crowd(&scene, &model, &settings)?;
     files::publish(&args.output, &made.picture.png()?)?;
@@ -56,7 +56,7 @@ pub(in crate::cli) fn crowd(args: &CrowdArgs) -> anyhow::Result<Answer> {
         "characters": settings.places.len(),
         "spheres": made.spheres,
         "light": args.light,
-        "brdf": args.brdf,
+        "brdf": args.material.brdf,
         "tone": settings.tone.name(),
         "exposure": made.exposure,
         "rms_difference": made.difference,

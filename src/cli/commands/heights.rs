@@ -21,7 +21,7 @@ pub(in crate::cli) fn heights(args: &HeightsArgs) -> anyhow::Result<Answer> {
             args.field.display()
         ),
     };
-    let read = read_light(&args.light, order, args.turn)?;
+    let read = read_light(&args.light, order, args.material.turn)?;
     for notice in &read.notices {
         tracing::warn!("{notice}");
     }
@@ -32,11 +32,11 @@ pub(in crate::cli) fn heights(args: &HeightsArgs) -> anyhow::Result<Answer> {
         order,
         azimuths: args.azimuths,
         light: &read.light,
-        material: super::brdf::isotropic(&args.brdf)?,
-        terms: args.terms,
-        lobes: args.lobes,
-        tone: args.tone.into(),
-        exposure_stops: args.exposure,
+        material: super::brdf::isotropic(&args.material.brdf)?,
+        terms: args.material.terms,
+        lobes: args.material.lobes,
+        tone: args.screen.tone.into(),
+        exposure_stops: args.screen.exposure,
     })?;
     let png = match made.pictures.as_slice() {
         [picture] => picture.png()?,
@@ -57,7 +57,7 @@ pub(in crate::cli) fn heights(args: &HeightsArgs) -> anyhow::Result<Answer> {
         "height": rows,
         "frames": made.pictures.len(),
         "light": args.light,
-        "brdf": args.brdf,
+        "brdf": args.material.brdf,
         "exposure": made.exposure,
         "visibility_s": made.visibility_s,
         "mean_error": mean,

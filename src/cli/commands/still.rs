@@ -38,16 +38,16 @@ pub(in crate::cli) fn still(args: &StillArgs) -> anyhow::Result<Answer> {
         times_s,
         view: [args.yaw, args.pitch],
         size: [args.size[0], args.size[1]],
-        samples: args.samples,
-        rays: args.rays,
+        samples: args.sampling.samples,
+        rays: args.sampling.rays,
         gains: if args.gain.is_empty() { vec![4.0] } else { args.gain.clone() },
         light: light.as_ref().map(|read| read.light.clone()),
         brdf: args.brdf.as_deref().map(super::brdf::read).transpose()?,
         terms: args.terms.map_or(GLOSS_TERMS, usize::from),
         lobes: args.lobes.map_or(GLOSS_LOBES, usize::from),
         turntable,
-        tone: args.tone.into(),
-        exposure_stops: args.exposure,
+        tone: args.screen.tone.into(),
+        exposure_stops: args.screen.exposure,
     };
     let made = pipeline::still(&scene, model.as_ref(), &settings)?;
     let png = match made.pictures.as_slice() {

@@ -10,7 +10,7 @@ static SCENE: LazyLock<Scene> = LazyLock::new(|| {
     import_sources(vec![source], &Limits::default()).expect("the bundled figure")
 });
 
-fn settings<'a>() -> Still<'a> {
+pub(in crate::pipeline) fn settings<'a>() -> Still<'a> {
     Still {
         clip: None,
         times_s: Vec::new(),

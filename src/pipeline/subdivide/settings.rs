@@ -1,10 +1,10 @@
 //! From what a recipe says of a refinement to checked settings.
 
-use std::fmt::Display;
 use std::time::Instant;
 
 use crate::bake::MOST_RAYS;
 use crate::bake::subdivide::{ErrorMeasure, Goal};
+use crate::pipeline::checked::require;
 use crate::pipeline::{Error, Job, Progress, RecipeError, Stage};
 
 use super::budget::vertices_within;
@@ -178,16 +178,6 @@ pub(super) fn direct(recipe: &Recipe) -> Recipe {
     };
     direct.bake.surroundings.faceted = false;
     direct
-}
-
-fn require(
-    holds: bool,
-    field: &'static str,
-    found: impl Display,
-    expected: &'static str,
-) -> Result<(), RecipeError> {
-    let error = || RecipeError { field, found: format!("{found}"), expected };
-    if holds { Ok(()) } else { Err(error()) }
 }
 
 #[cfg(test)]

@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 
 use super::settings::{self, Refinement};
 use super::{Subdivided, subdivide};
@@ -131,7 +130,7 @@ fn with_sources(job: &Job, own: &[Source], recipe: Recipe, place: &Path) -> Resu
 fn found(place: &Path, hash: &str) -> Option<(Vec<u8>, RefinedRecord)> {
     let record = read_record(place)?;
     let bytes = files::read(place, Limits::default().file_bytes).ok()?;
-    (record.hash == hash && record.sha256 == sha256(&bytes)).then_some((bytes, record))
+    (record.hash == hash && record.sha256 == hash::sha256(&bytes)).then_some((bytes, record))
 }
 
 fn make(
@@ -152,7 +151,7 @@ fn make(
     let Subdivided { triangles, vertices, work, deviation, glb, .. } = done;
     let record = RefinedRecord {
         hash,
-        sha256: sha256(&glb),
+        sha256: hash::sha256(&glb),
         triangles,
         vertices,
         at_depth: work.at_depth,
@@ -175,8 +174,4 @@ fn stopped(error: Error) -> Error {
         }
         other => other,
     }
-}
-
-fn sha256(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
