@@ -2,6 +2,7 @@
 
 use clap::{Args, ValueEnum};
 
+use crate::pipeline::{GLOSS_LOBES, GLOSS_TERMS};
 use crate::render::Tone;
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -53,9 +54,9 @@ pub(crate) struct MaterialFlags {
     #[arg(long, value_name = "BRDF", default_value = "lambert:1")]
     pub(crate) brdf: String,
     /// Terms of the reflectance's operator.
-    #[arg(long, value_name = "K", default_value_t = 8)]
+    #[arg(long, value_name = "K", default_value_t = GLOSS_TERMS)]
     pub(crate) terms: usize,
     /// Zonal lobes that stand for the light, 1 to 8.
-    #[arg(long, value_name = "N", default_value_t = 8)]
+    #[arg(long, value_name = "N", default_value_t = GLOSS_LOBES)]
     pub(crate) lobes: usize,
 }

@@ -134,7 +134,7 @@ fn of_points(model: &Model, deformed: &Deformed) -> Result<Deformed, EvaluateErr
 }
 
 /// Vectors by point of vectors by vertex.
-fn places(model: &Model, of_vertices: impl Iterator<Item = Vec3>) -> Vec<Vec3> {
+pub(super) fn places(model: &Model, of_vertices: impl Iterator<Item = Vec3>) -> Vec<Vec3> {
     let mut of_points = vec![Vec3::ZERO; model.shape().points];
     for (vector, &point) in of_vertices.zip(model.point_of_vertex()) {
         of_points[point as usize] = vector;

@@ -3,7 +3,7 @@
 use glam::{Mat3, Quat, Vec3};
 
 use super::evaluate::{EvaluateError, Query, spread};
-use super::evaluate_posed::{of_scene, surface};
+use super::evaluate_posed::{of_scene, places, surface};
 use crate::model::{Model, Signal};
 use crate::rig::to_tangent_frame;
 use crate::scene::Scene;
@@ -88,15 +88,6 @@ pub(super) fn upright(normal: Vec3) -> Quat {
     Quat::from_rotation_arc(normal, Vec3::Z)
 }
 
-/// What each of the model's points has, from the vertices that it stands for.
-fn of_points(model: &Model, of_vertices: &[Vec3]) -> Vec<Vec3> {
-    let mut points = vec![Vec3::X; model.header().mesh.points as usize];
-    for (vector, &point) in of_vertices.iter().zip(model.point_of_vertex()) {
-        points[point as usize] = *vector;
-    }
-    points
-}
-
 impl Query {
     /// The query with the posed mesh beside it, which reflection needs: the model's own where it
     /// carries one, else that of the scene.
@@ -133,7 +124,7 @@ impl Query {
         let mesh = self.surface.as_ref().ok_or(EvaluateError::NeedsMesh)?;
         let (visibility, _) = self.coefficients(model)?;
         let rows = visibility.chunks_exact(model.header().width());
-        let tangents = tangents.map(|tangents| of_points(model, tangents));
+        let tangents = tangents.map(|tangents| places(model, tangents.iter().copied()));
         let frame = |point: usize| match &tangents {
             Some(tangents) => to_tangent_frame(mesh.normals[point], tangents[point]),
             None => upright(mesh.normals[point]),
