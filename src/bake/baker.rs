@@ -234,7 +234,6 @@ impl Baker {
         meshes: &[PosedMesh<'_>],
         cancelled: &AtomicBool,
     ) -> Result<Vec<BakedPose>, Error> {
-        let (plan, stage, most_row_bytes) = (&self.plan, &self.stage, self.most_row_bytes);
         match (&self.adaptive, &self.reflectance) {
             (None, None) => {
                 let traced = self.trace(posed, cancelled)?;
@@ -243,24 +242,31 @@ impl Baker {
             (Some(adaptive), None) => {
                 posed.iter().map(|posed| adaptive.bake(posed, cancelled)).collect()
             }
-            (adaptive, Some(reflectance)) => {
-                let adaptive = adaptive.as_ref();
+            (_, Some(reflectance)) => {
                 let one = |(posed, mesh): (&Posed, &PosedMesh<'_>)| {
-                    let normals = mesh.normals;
-                    let bounces = Bounces {
-                        plan,
-                        stage,
-                        posed,
-                        normals,
-                        reflectance,
-                        adaptive,
-                        most_row_bytes,
-                        cancelled,
-                    };
-                    bounces.bake()
+                    self.bounces(reflectance, (posed, mesh.normals), cancelled).bake()
                 };
                 posed.iter().zip(meshes).map(one).collect()
             }
+        }
+    }
+
+    /// A pose whose surfaces pass light on.
+    pub(super) fn bounces<'a>(
+        &'a self,
+        reflectance: &'a Reflectance,
+        (posed, normals): (&'a Posed, &'a [Vec3]),
+        cancelled: &'a AtomicBool,
+    ) -> Bounces<'a> {
+        Bounces {
+            plan: &self.plan,
+            stage: &self.stage,
+            posed,
+            normals,
+            reflectance,
+            adaptive: self.adaptive.as_ref(),
+            most_row_bytes: self.most_row_bytes,
+            cancelled,
         }
     }
 

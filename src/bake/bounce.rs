@@ -297,7 +297,34 @@ impl Bounces<'_> {
         (variance / width as f64).sqrt() as f32
     }
 
-    fn sink(&self, plan: &Plan) -> Sink<'_> {
+    /// Does for one point what the direct part and all passes do for it, with the plan's rays, for the
+    /// sake of the time that it takes. `sums` holds three widths of scratch.
+    pub(super) fn rehearse(
+        &self,
+        point: usize,
+        (scratch, sink): (&mut Scratch, &mut Sink<'_>),
+        from: &[f32],
+        sums: &mut [f32],
+    ) {
+        let width = self.plan.coefficients * self.reflectance.channels;
+        let (out, sums) = sums.split_at_mut(width);
+        let rays = self.plan.directions.directions() / 2;
+        let mut trace = |out: &mut [f32]| {
+            let out = &mut out[..self.plan.coefficients];
+            bake_point(self.plan, self.posed, point, scratch, Some(&mut *sink), out);
+            sink.take()
+        };
+        let keeps = self.keeps((self.posed.normals.len() * self.plan.rays()) as u64);
+        let mut row = trace(out);
+        for _ in 0..self.reflectance.bounces {
+            if !keeps {
+                row = trace(out);
+            }
+            self.gather((&row, rays), from, sums, out);
+        }
+    }
+
+    pub(super) fn sink(&self, plan: &Plan) -> Sink<'_> {
         let black = self.reflectance.surface.material.len();
         Sink::new(self.stage, self.normals, black, plan.directions.directions())
     }

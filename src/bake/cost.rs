@@ -6,7 +6,6 @@ use std::time::Instant;
 use super::adaptive::Adaptive;
 use super::kernel::{Scratch, bake_point};
 use super::posed::Posed;
-use super::seen::Sink;
 use super::{BakedPose, Baker, Error, PosedMesh};
 
 /// Bytes that the tracer needs per triangle and per vertex, measured with margin.
@@ -21,7 +20,7 @@ const TRIES: u32 = 5;
 /// What a short trial says of a machine and a pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Calibration {
-    /// All threads together.
+    /// All threads together; what gathers along the rays of bounces is in it.
     pub rays_per_s: f64,
     /// The mean over the points of the trial.
     pub rays_per_point: f64,
@@ -124,9 +123,14 @@ impl Baker {
     ) -> Vec<f64> {
         let mut scratch = Scratch::new(&self.plan);
         let mut out = vec![0.0; self.plan.coefficients];
-        let rays = self.plan.directions.directions();
-        let sink = |_: &_| Sink::new(&self.stage, pose.normals, usize::MAX, rays);
-        let mut sink = self.reflectance.as_ref().map(sink);
+        let never = AtomicBool::new(false);
+        let bounces = self.reflectance.as_ref();
+        let bounces = bounces.map(|r| self.bounces(r, (posed, pose.normals), &never));
+        let mut passes = bounces.as_ref().map(|bounces| {
+            let width = self.plan.coefficients * bounces.reflectance.channels;
+            let from = vec![1.0; self.points() * width];
+            (bounces, bounces.sink(&self.plan), from, vec![0.0; 3 * width])
+        });
         let mut times = Vec::new();
         // Of this thread: it may have begun later than others.
         let begin = Instant::now();
@@ -135,9 +139,14 @@ impl Baker {
             // An odd multiplier of the golden ratio visits the mesh evenly.
             let step = (times.len() * threads + thread) as u64 * 0x9e37_79b9;
             let point = ((step & 0xffff_ffff) * self.points() as u64) >> 32;
-            let seen = sink.as_mut();
-            bake_point(&self.plan, posed, point as usize, &mut scratch, seen, &mut out);
-            sink.as_mut().map(Sink::take);
+            match &mut passes {
+                Some((bounces, sink, from, sums)) => {
+                    bounces.rehearse(point as usize, (&mut scratch, sink), from, sums);
+                }
+                None => {
+                    bake_point(&self.plan, posed, point as usize, &mut scratch, None, &mut out);
+                }
+            }
             let now_s = begin.elapsed().as_secs_f64();
             times.push(now_s - last_s);
             last_s = now_s;

@@ -8,7 +8,7 @@ use crate::scene::Surface;
 /// The factor from a transfer's first coefficient to ambient light.
 const AMBIENT: f64 = 3.544_907_701_811_032; // 2√π
 
-fn reflecting(body: &Body, rays: u32, bounces: u32, albedo: [f32; 3]) -> Baker {
+pub(super) fn reflecting(body: &Body, rays: u32, bounces: u32, albedo: [f32; 3]) -> Baker {
     let surface = Arc::new(Surface::plain(albedo, body.triangles.len()));
     let grey = albedo[0] == albedo[1] && albedo[1] == albedo[2];
     let channels = if grey { 1 } else { 3 };

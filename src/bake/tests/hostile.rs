@@ -110,6 +110,22 @@ fn calibration_measures() {
     assert_eq!(trial.unwrap().rays_per_s, f64::INFINITY);
 }
 
+/// A trial of bounces gathers as the bake does, whether rows are kept or traced anew, in colours too, and
+/// leaves the bake as it was.
+#[test]
+fn calibration_gathers() {
+    let body = Body::sphere(3);
+    let mut baker = bounces::reflecting(&body, 64, 3, [0.8, 0.4, 0.2]);
+    let bake = |baker: &Baker| baker.bake(&[body.posed(0.0)], &AtomicBool::new(false)).unwrap();
+    let before = bake(&baker);
+    for most_row_bytes in [0, u64::MAX] {
+        baker.most_row_bytes = most_row_bytes;
+        let trial = baker.calibrate(&body.posed(0.0), 0.01).unwrap();
+        assert!(trial.rays_per_s > 0.0 && trial.rays_per_s.is_finite());
+        assert_eq!(bake(&baker), before);
+    }
+}
+
 /// A trial beside a pool that is at work for others says what one beside an idle pool says: the time
 /// that the others take is not counted as its own.
 #[test]
