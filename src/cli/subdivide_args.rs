@@ -50,6 +50,9 @@ pub(crate) struct SubdivideArgs {
     /// [default: 0.0005].
     #[arg(long, value_name = "SIZES")]
     bound: Option<f32>,
+    /// Leave edges whole that cannot meet the bound; else they are split all the same, and named.
+    #[arg(long)]
+    keep_bound: bool,
     /// Put new vertices on the smooth surface that the normals mean (PN triangles), not in the triangles.
     #[arg(long, conflicts_with = "values")]
     smooth: bool,
@@ -79,11 +82,12 @@ enum MeasureArg {
     Surplus,
     /// The same, every middle baked one split ahead: three times the rays.
     Midpoint,
-    /// Equation 4 of Křivánek et al. 2004: distances of transfer over the divergence of normals.
+    /// Equation 4 of Křivánek et al. 2004: distances of transfer over the divergence of normals. It never
+    /// ends where transfer jumps, but by --min-edge.
     Curvature,
     /// The same, by the first vertex's normal alone, as printed.
     CurvaturePrinted,
-    /// Equation 4 times the root of the triangle's area.
+    /// Equation 4 times the root of the triangle's area: of those that look at vertices alone the best.
     CurvatureByArea,
     /// Equation 3: distances of transfer.
     Distance,
@@ -107,6 +111,7 @@ impl SubdivideArgs {
         recipe.bytes = self.max_model_bytes.or(recipe.bytes);
         recipe.error = self.until.or(recipe.error);
         recipe.smooth |= self.smooth;
+        recipe.keep_bound |= self.keep_bound;
         recipe.min_edge = self.min_edge.or(recipe.min_edge);
         recipe.curvature = self.curvature.or(recipe.curvature);
         set(&mut recipe.depth, self.max_depth);

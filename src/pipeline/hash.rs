@@ -15,6 +15,9 @@ use crate::scene::Source;
 /// mistaken for new ones.
 const ALGORITHM: u32 = 2;
 
+/// The same of refinements: since neighbours differ by one split at most, and fillers stay whole.
+const REFINING: u32 = ALGORITHM + 1;
+
 /// The same, for recipes that alone have begun to give other bytes: rounds to a noise on top of stated
 /// rays, and meshes that ignore themselves.
 fn algorithm(bake: &BakeRecipe) -> u32 {
@@ -66,7 +69,7 @@ pub(super) fn subdivision(
     subdivide: Option<&SubdivideRecipe>,
 ) -> String {
     let subdivide = subdivide.map(|subdivide| given(scene, subdivide));
-    stage("subdivide", &(ALGORITHM, scene, &direct.poses, &direct.bake, subdivide))
+    stage("subdivide", &(REFINING, scene, &direct.poses, &direct.bake, subdivide))
 }
 
 /// The hash of a scene's files: names and bytes, in order, each with its length before it.

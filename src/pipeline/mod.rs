@@ -98,9 +98,9 @@ pub use still::{
     spread_times, still,
 };
 pub use subdivide::{
-    Beyond, Deviation, REFINED, RefinedRecord, Refinement, Subdivided, SubdivisionPlan,
-    is_refinement, plan_subdivision, record_of, refined, refined_already, refinement_hash,
-    subdivide,
+    Beyond, Deviation, REFINED, RefinedRecord, Refinement, Subdivided, SubdivisionPlan, Worst,
+    interpolation_probes, is_refinement, plan_subdivision, record_of, refined, refined_already,
+    refinement_hash, subdivide,
 };
 pub use surroundings::Occluders;
 pub use tradeoff::{Tradeoff, tradeoff};

@@ -7,9 +7,11 @@
 //! largest over its views: key poses, and in each pose the instances of a mesh.
 //!
 //! New vertices are baked in batches that look ahead in the queue, so that rays come by thousands;
-//! the order of extraction is that of the algorithm, and what a batch baked in vain is counted.
+//! the order of extraction is that of the algorithm but for coarser neighbours, which go first; those
+//! are counted, and so is what a batch baked in vain.
 
 mod fidelity;
+mod leaf;
 mod measure;
 mod refine;
 mod tessellation;
@@ -17,9 +19,10 @@ mod tessellation;
 use std::sync::atomic::AtomicBool;
 
 pub use fidelity::{Fidelity, Probes};
+pub use leaf::Leaf;
 pub use measure::{ErrorMeasure, Surplus};
 pub use refine::{Refiner, Row, Source};
-pub use tessellation::{Leaf, Tessellation};
+pub use tessellation::Tessellation;
 
 use super::Error;
 
@@ -44,6 +47,9 @@ pub struct Goal {
 pub struct Work {
     /// Triangles split in four.
     pub splits: usize,
+    /// Of them those that came before their turn, so that no triangle is more than one split coarser than
+    /// another beside it.
+    pub forced: usize,
     /// Triangles that were still worse than the goal, but as deep or as small as they may be.
     pub at_depth: usize,
     /// The largest estimate that is left.

@@ -126,7 +126,9 @@ impl<'a> Refiner<'a> {
     ) -> Result<Work, Error> {
         let mut work = Work::default();
         while let Some(entry) = self.queue.pop() {
-            let leaf = self.tessellation.leaf(entry.leaf);
+            if !self.tessellation.is_leaf(entry.leaf) {
+                continue;
+            }
             if entry.error <= goal.error {
                 self.queue.push(entry);
                 break;
@@ -135,24 +137,66 @@ impl<'a> Refiner<'a> {
                 work.at_depth += 1;
                 continue;
             }
-            let after = self.tessellation.count() + self.tessellation.growth(&leaf);
-            let used = self.tessellation.used() + self.tessellation.new_vertices(&leaf);
-            if after > goal.triangles || used > goal.vertices {
+            let chain = self.chain(entry.leaf, goal);
+            if chain.iter().any(|&leaf| self.lacks(leaf)) {
+                self.bake_batch(&chain, goal, stop)?;
+            }
+            let before = work.splits;
+            for leaf in chain {
+                if !self.fits(leaf, goal) {
+                    break;
+                }
+                self.split(leaf);
+                work.splits += 1;
+                if work.splits % TOLD_SPLITS == 0 {
+                    tell(self.tessellation.count());
+                }
+            }
+            work.forced += work.splits - before;
+            if self.tessellation.is_leaf(entry.leaf) {
                 self.queue.push(entry);
                 break;
             }
-            if self.lacks(entry.leaf) {
-                self.bake_batch(entry.leaf, goal, stop)?;
-            }
-            self.split(entry.leaf);
-            work.splits += 1;
-            if work.splits % TOLD_SPLITS == 0 {
-                tell(after);
-            }
+            work.forced -= 1;
         }
         tell(self.tessellation.count());
+        while self.queue.peek().is_some_and(|entry| !self.tessellation.is_leaf(entry.leaf)) {
+            self.queue.pop();
+        }
         work.left = self.queue.peek().map_or(0.0, |entry| entry.error);
         Ok(work)
+    }
+
+    /// What is split with a triangle, in order: coarser ones beside it first, so that the balance stays.
+    fn chain(&self, leaf: usize, goal: &Goal) -> Vec<usize> {
+        let mut chain = Vec::new();
+        // A triangle is open until all that come before it are in the chain.
+        let mut open = vec![(leaf, false)];
+        while let Some((index, ready)) = open.pop() {
+            if chain.contains(&index) {
+                continue;
+            }
+            if ready {
+                chain.push(index);
+                continue;
+            }
+            open.push((index, true));
+            for coarser in self.tessellation.coarser(index) {
+                let leaf = self.tessellation.leaf(coarser);
+                if self.tessellation.can_split(&leaf) && !self.is_finest(coarser, goal) {
+                    open.push((coarser, false));
+                }
+            }
+        }
+        chain
+    }
+
+    /// Whether there is room for a split.
+    fn fits(&self, index: usize, goal: &Goal) -> bool {
+        let leaf = self.tessellation.leaf(index);
+        let after = self.tessellation.count() + self.tessellation.growth(&leaf);
+        let used = self.tessellation.used() + self.tessellation.new_vertices(&leaf);
+        after <= goal.triangles && used <= goal.vertices
     }
 
     /// Whether a triangle is as deep or as small as it may be.
@@ -205,16 +249,18 @@ impl<'a> Refiner<'a> {
         wanted.iter().any(|&vertex| self.rows[vertex as usize].normals.is_empty())
     }
 
-    /// Bakes ahead for a triangle and for those that come next in the queue.
-    fn bake_batch(&mut self, leaf: usize, goal: &Goal, stop: &AtomicBool) -> Result<(), Error> {
+    /// Bakes ahead for the triangles of a chain and for those that come next in the queue.
+    fn bake_batch(&mut self, chain: &[usize], goal: &Goal, stop: &AtomicBool) -> Result<(), Error> {
         // No more than the goal still has room for: a split brings three triangles at least.
         let room = goal.triangles.saturating_sub(self.tessellation.count()) / 3;
         let next: Vec<Entry> =
             (1..BATCH.min(room.max(1))).map_while(|_| self.queue.pop()).collect();
-        let mut wanted = self.ahead(leaf);
+        let mut wanted: Vec<u32> = chain.iter().flat_map(|&leaf| self.ahead(leaf)).collect();
         for entry in next.iter().filter(|entry| entry.error > goal.error) {
-            if !self.is_finest(entry.leaf, goal) {
-                wanted.extend(self.ahead(entry.leaf));
+            if self.tessellation.is_leaf(entry.leaf) && !self.is_finest(entry.leaf, goal) {
+                for leaf in self.chain(entry.leaf, goal) {
+                    wanted.extend(self.ahead(leaf));
+                }
             }
         }
         self.queue.extend(next);

@@ -6,43 +6,15 @@
 //!
 //! *Invariant:* [`Tessellation::count`] is the number of triangles of [`Tessellation::conforming`]:
 //! a triangle with k vertices on its edges becomes k + 1.
+//!
+//! Split in the order that [`Tessellation::coarser`] asks for, no triangle has more than one vertex on
+//! an edge (a balance of 2 to 1): else one beside a fine edge becomes a fan of thousands of slivers,
+//! which bend what is interpolated and slow whoever traces them down.
 
 use std::collections::{HashMap, HashSet};
 
+use super::Leaf;
 use crate::bake::Place;
-
-/// A triangle of the hierarchy, or of the result.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Leaf {
-    /// Vertices.
-    pub corners: [u32; 3],
-    /// The input's triangle that it is part of.
-    pub root: u32,
-    /// Weights of the root's corners at each corner; dyadic, so exact.
-    pub at: [[f32; 3]; 3],
-    /// How often it was split.
-    pub depth: u8,
-}
-
-impl Leaf {
-    /// Area as a share of the root's.
-    #[must_use]
-    pub fn share(&self) -> f32 {
-        let [a, b, c] = self.at;
-        ((b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])).abs()
-    }
-
-    /// The corners of each edge: the first from corner 0 to 1.
-    fn sides(&self) -> [[u32; 2]; 3] {
-        let [a, b, c] = self.corners;
-        [[a, b], [b, c], [c, a]]
-    }
-
-    fn middle(&self, side: usize) -> [f32; 3] {
-        let (from, to) = (self.at[side], self.at[(side + 1) % 3]);
-        [0, 1, 2].map(|i| (from[i] + to[i]) / 2.0)
-    }
-}
 
 /// An edge of the hierarchy, by its welds.
 #[derive(Debug, Clone, Copy, Default)]
@@ -53,6 +25,8 @@ struct Edge {
     faces: u32,
     /// Different pairs of vertices at it: 2 at a seam.
     pairs: u32,
+    /// The edge that it is half of.
+    whole: Option<[u32; 2]>,
 }
 
 /// The hierarchy over an input mesh.
@@ -74,6 +48,12 @@ pub struct Tessellation {
     pairs: HashSet<[u32; 2]>,
     /// Everything that is not split.
     leaves: Vec<Option<Leaf>>,
+    /// Edge → the leaves that have it for a side.
+    sides: HashMap<[u32; 2], Vec<u32>>,
+    /// The input's triangles that stay as they are, whatever is split beside them.
+    kept: HashSet<u32>,
+    /// Edges of the input that are not split, and triangles of it.
+    stiff: (HashSet<[u32; 2]>, HashSet<u32>),
     count: usize,
     used: usize,
 }
@@ -89,9 +69,17 @@ impl Tessellation {
     /// If a triangle names a vertex without a weld.
     #[must_use]
     pub fn new(triangles: &[[u32; 3]], weld: Vec<u32>) -> Self {
-        let corner = |i: usize| std::array::from_fn(|j| if i == j { 1.0 } else { 0.0 });
-        let at = [corner(0), corner(1), corner(2)];
-        let leaf = |(root, &corners): (u32, &[u32; 3])| Some(Leaf { corners, root, at, depth: 0 });
+        Self::keeping(triangles, weld, HashSet::new())
+    }
+
+    /// The same; some triangles, of which two corners are one in every pose, are kept as they are: they
+    /// have no area in which a vertex within an edge could show.
+    ///
+    /// # Panics
+    /// As [`Self::new`].
+    #[must_use]
+    pub fn keeping(triangles: &[[u32; 3]], weld: Vec<u32>, kept: HashSet<u32>) -> Self {
+        let leaf = |(root, &corners): (u32, &[u32; 3])| Some(Leaf::root(root, corners));
         let mut all = Self {
             welds: weld.iter().max().map_or(0, |most| most + 1),
             given: weld.len(),
@@ -102,16 +90,47 @@ impl Tessellation {
             between: HashMap::new(),
             pairs: HashSet::with_capacity(triangles.len() * 3 / 2),
             leaves: (0..).zip(triangles).map(leaf).collect(),
+            sides: HashMap::with_capacity(triangles.len() * 3 / 2),
+            kept,
+            stiff: (HashSet::new(), HashSet::new()),
             count: triangles.len(),
             used: 0,
         };
         all.used = all.given;
         for index in 0..triangles.len() {
+            if all.kept.contains(&(index as u32)) {
+                continue;
+            }
             for side in all.leaf(index).sides() {
                 all.add_edge(side, 1);
             }
+            all.list(index);
         }
         all
+    }
+
+    /// Edges, by their ends, and triangles of the input that are not split from now on; triangles at such
+    /// an edge are not either.
+    pub fn stiffen(&mut self, edges: &[[u32; 2]], triangles: &[u32]) {
+        let edges: Vec<[u32; 2]> = edges.iter().map(|&edge| self.welded(edge)).collect();
+        self.stiff.0.extend(edges);
+        self.stiff.1.extend(triangles);
+    }
+
+    /// Notes a leaf at its sides.
+    fn list(&mut self, index: usize) {
+        for side in self.leaf(index).sides() {
+            let side = self.welded(side);
+            self.sides.entry(side).or_default().push(index as u32);
+        }
+    }
+
+    /// The leaves beside one whose side is half of theirs: they are to be split before it is.
+    #[must_use]
+    pub fn coarser(&self, index: usize) -> Vec<usize> {
+        let wholes = self.leaf(index).sides().map(|side| self.edge(side).whole);
+        let beside = wholes.into_iter().flatten().filter_map(|whole| self.sides.get(&whole));
+        beside.flatten().map(|&leaf| leaf as usize).collect()
     }
 
     /// Adds triangles at an edge; where another layer of the surface lies on this one, the edge and
@@ -179,16 +198,26 @@ impl Tessellation {
         self.leaves[index].expect("a leaf is split once")
     }
 
+    /// Whether a triangle of the hierarchy is not split yet.
+    #[must_use]
+    pub fn is_leaf(&self, index: usize) -> bool {
+        self.leaves[index].is_some()
+    }
+
     /// The triangles that are not split, by index.
     pub fn leaves(&self) -> impl Iterator<Item = usize> {
         (0..self.leaves.len()).filter(|&index| self.leaves[index].is_some())
     }
 
-    /// Whether a triangle has three corners at three places; one without is only ever bisected.
+    /// Whether a triangle has three corners at three places, and nothing of it is stiff; one without is
+    /// only ever bisected.
     #[must_use]
     pub fn can_split(&self, leaf: &Leaf) -> bool {
         let [a, b, c] = leaf.corners.map(|corner| self.weld[corner as usize]);
-        a != b && b != c && c != a
+        let (edges, roots) = &self.stiff;
+        let is_stiff = |side: [u32; 2]| edges.contains(&self.welded(side));
+        let soft = edges.is_empty() || !leaf.sides().into_iter().any(is_stiff);
+        a != b && b != c && c != a && soft && !roots.contains(&leaf.root)
     }
 
     /// The vertices in the middle of the three sides; they come to be where they are not yet.
@@ -240,10 +269,15 @@ impl Tessellation {
     /// If it is split, or cannot be.
     pub fn split(&mut self, index: usize) -> [usize; 4] {
         let leaf = self.leaf(index);
-        assert!(self.can_split(&leaf), "corners of triangle {} coincide", leaf.root);
+        assert!(self.can_split(&leaf), "triangle {} cannot be split", leaf.root);
         self.count += self.growth(&leaf);
         self.used += self.new_vertices(&leaf);
         self.leaves[index] = None;
+        for side in leaf.sides().map(|side| self.welded(side)) {
+            if let Some(list) = self.sides.get_mut(&side) {
+                list.retain(|&other| other as usize != index);
+            }
+        }
         let middles = self.middles(&leaf);
         for (side, middle) in leaf.sides().into_iter().zip(middles) {
             self.halve(side, middle);
@@ -255,6 +289,7 @@ impl Tessellation {
         let first = self.leaves.len();
         let children = self.children(&leaf);
         self.leaves.extend(children.map(Some));
+        (first..first + 4).for_each(|child| self.list(child));
         [first, first + 1, first + 2, first + 3]
     }
 
@@ -285,6 +320,7 @@ impl Tessellation {
             let half = self.edges.entry(half).or_default();
             half.faces += faces;
             half.pairs += pairs;
+            half.whole = Some(whole);
         }
     }
 
@@ -296,7 +332,8 @@ impl Tessellation {
         let mut out = Vec::with_capacity(self.count);
         let mut open: Vec<(Leaf, [bool; 3])> = Vec::new();
         for index in leaves {
-            open.push((self.leaf(index), [true; 3]));
+            let kept = self.kept.contains(&self.leaf(index).root);
+            open.push((self.leaf(index), [!kept; 3]));
             while let Some((leaf, outer)) = open.pop() {
                 match self.longest_split(&leaf, outer) {
                     None => out.push((index, leaf)),
@@ -336,124 +373,4 @@ impl Tessellation {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::collections::BTreeMap;
-
-    use proptest::prelude::*;
-
-    use super::*;
-
-    /// How many triangles are at each edge, by welds.
-    fn faces(all: &Tessellation, triangles: &[(usize, Leaf)]) -> BTreeMap<[u32; 2], usize> {
-        let mut faces = BTreeMap::new();
-        for pair in triangles.iter().flat_map(|(_, leaf)| leaf.sides()).map(|side| all.welded(side))
-        {
-            *faces.entry(pair).or_default() += 1;
-        }
-        faces
-    }
-
-    /// An octahedron with a seam: the vertex at the top is there twice, for two triangles each.
-    fn seamed() -> Tessellation {
-        let triangles = [
-            [0, 2, 3],
-            [0, 3, 4],
-            [6, 4, 5],
-            [6, 5, 2],
-            [1, 3, 2],
-            [1, 4, 3],
-            [1, 5, 4],
-            [1, 2, 5],
-        ];
-        Tessellation::new(&triangles, vec![0, 1, 2, 3, 4, 5, 0])
-    }
-
-    proptest! {
-        /// However a closed surface is split: every edge of the result has its two triangles, the
-        /// count is what was foretold, and the parts of each input triangle make up its area.
-        #[test]
-        fn splitting_keeps_a_closed_surface(choices in prop::collection::vec(0_usize..1000, 0..40)) {
-            let mut all = seamed();
-            for choice in choices {
-                let open: Vec<usize> = all.leaves().collect();
-                all.split(open[choice % open.len()]);
-            }
-            let foretold = (all.count(), all.used());
-            let result = all.conforming();
-            let used: HashSet<u32> = result.iter().flat_map(|(_, leaf)| leaf.corners).collect();
-            prop_assert_eq!((result.len(), used.len()), foretold);
-            prop_assert!(faces(&all, &result).values().all(|&count| count == 2));
-            let mut areas = [0.0; 8];
-            for (_, leaf) in &result {
-                areas[leaf.root as usize] += leaf.share();
-            }
-            prop_assert_eq!(areas, [1.0; 8]);
-        }
-
-        /// A vertex between two others lies in their middle, seen from either side of the edge.
-        #[test]
-        fn vertices_lie_where_they_should(choices in prop::collection::vec(0_usize..1000, 1..30)) {
-            let mut all = seamed();
-            let corners: [[f32; 3]; 7] = [
-                [0.0, 0.0, 1.0],
-                [0.0, 0.0, -1.0],
-                [1.0, 0.0, 0.0],
-                [0.0, 1.0, 0.0],
-                [-1.0, 0.0, 0.0],
-                [0.0, -1.0, 0.0],
-                [0.0, 0.0, 1.0],
-            ];
-            let roots: Vec<[u32; 3]> = all.leaves().map(|leaf| all.leaf(leaf).corners).collect();
-            for choice in choices {
-                let open: Vec<usize> = all.leaves().collect();
-                all.split(open[choice % open.len()]);
-            }
-            let result = all.conforming();
-            let mix = |root: u32, at: [f32; 3]| {
-                let ends = roots[root as usize].map(|vertex| corners[vertex as usize]);
-                [0, 1, 2].map(|axis| (0..3).map(|i| at[i] * ends[i][axis]).sum::<f32>())
-            };
-            for (_, leaf) in &result {
-                for (&vertex, at) in leaf.corners.iter().zip(leaf.at) {
-                    let here = mix(leaf.root, at);
-                    let there = match (vertex as usize) < all.given() {
-                        true => corners[vertex as usize],
-                        false => mix(all.place(vertex).triangle, all.place(vertex).weights),
-                    };
-                    prop_assert_eq!(here, there);
-                }
-            }
-        }
-    }
-
-    /// Two layers of one square, with vertices of their own: whatever is split on either, the count
-    /// holds.
-    #[test]
-    fn layers_are_counted() {
-        let triangles = [[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6]];
-        for order in [[0, 2, 1, 3], [0, 4, 2, 3], [0, 7, 2, 1], [2, 0, 4, 8]] {
-            let mut all = Tessellation::new(&triangles, vec![0, 1, 2, 3, 0, 1, 2, 3]);
-            for index in order {
-                if all.leaves[index].is_some() {
-                    all.split(index);
-                }
-            }
-            let foretold = (all.count(), all.used());
-            let result = all.conforming();
-            let used: HashSet<u32> = result.iter().flat_map(|(_, leaf)| leaf.corners).collect();
-            assert_eq!((result.len(), used.len()), foretold, "{order:?}");
-        }
-    }
-
-    /// A triangle whose corners share a place cannot be split, and is bisected with its neighbour.
-    #[test]
-    fn a_flat_triangle_follows_its_neighbour() {
-        let mut all = Tessellation::new(&[[0, 1, 2], [2, 1, 3]], vec![0, 1, 2, 1]);
-        let flat = all.leaf(1);
-        assert!(!all.can_split(&flat));
-        let whole = all.leaf(0);
-        assert_eq!(all.growth(&whole), 1 + 3 + 1);
-        all.split(0);
-        assert_eq!(all.conforming().len(), all.count());
-    }
-}
+mod tests;

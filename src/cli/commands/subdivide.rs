@@ -5,9 +5,10 @@ use std::time::Instant;
 use serde_json::json;
 
 use super::Usage;
+use crate::bake::subdivide::Fidelity;
 use crate::cli::subdivide_args::SubdivideArgs;
 use crate::cli::{Answer, units};
-use crate::pipeline::{self, Beyond, Job, Refinement, Subdivided, Watch, files};
+use crate::pipeline::{self, Beyond, Job, Refinement, Subdivided, Watch, Worst, files};
 use crate::render::colour;
 use crate::scene::{self, Attribute, Limits, Source};
 
@@ -31,7 +32,6 @@ pub(in crate::cli) fn subdivide(args: &SubdivideArgs, watch: &Watch) -> anyhow::
     let job = Job::open(&args.scene, recipe)?;
     let given = job.scene.mesh.triangles.len();
     let refinement = Refinement::of(&job, &settings)?;
-    let refinement = Refinement { probes: args.probes, ..refinement };
     if args.dry_run {
         let plan = pipeline::plan_subdivision(&job, &refinement)?;
         let text = format!(
@@ -46,7 +46,12 @@ pub(in crate::cli) fn subdivide(args: &SubdivideArgs, watch: &Watch) -> anyhow::
     }
     let start = Instant::now();
     let mut tell = |triangles| (watch.report)(refinement.progress(given, triangles, start));
-    let done = pipeline::subdivide(&job, &refinement, watch.cancelled, &mut tell)?;
+    let stop = watch.cancelled;
+    let probes = match args.probes {
+        0 => None,
+        count => Some(pipeline::interpolation_probes(&job, refinement.key_poses, count, stop)?),
+    };
+    let done = pipeline::subdivide(&job, &refinement, probes.as_ref(), stop, &mut tell)?;
     let glb = with_attributes(&job, &done, args)?;
     files::publish(&args.output, &glb)?;
     Ok(Answer::new(text(args, &job, &done), figures(args, &job, &done)))
@@ -102,6 +107,12 @@ fn text(args: &SubdivideArgs, job: &Job, done: &Subdivided) -> String {
     if let Some(noise) = done.probe_noise {
         text += &format!(" (noise of the probes {noise:.5})");
     }
+    if let Some([_, worst]) = &done.worst {
+        let Worst { mesh, primitive, triangle, at_m: [x, y, z] } = worst;
+        text += &format!(
+            "\n  the worst is triangle {triangle} of mesh {mesh:?}, primitive {primitive}, at ({x:.3}, {y:.3}, {z:.3}) m"
+        );
+    }
     if work.at_depth > 0 {
         text += &format!(
             "\n  note: {} triangles are as fine as they may be (--max-depth, --min-edge) and still worse than asked for",
@@ -120,6 +131,12 @@ fn text(args: &SubdivideArgs, job: &Job, done: &Subdivided) -> String {
             "; {} vertices on {} edges are beyond the bound",
             units::count(deviation.beyond as u64),
             units::count(done.beyond.len() as u64)
+        );
+    }
+    if done.stiff > 0 {
+        text += &format!(
+            "\n  {} edges and triangles that cannot meet the bound stay whole",
+            units::count(done.stiff as u64)
         );
     }
     for edge in done.beyond.iter().take(TOLD_EDGES) {
@@ -158,14 +175,20 @@ fn figures(args: &SubdivideArgs, job: &Job, done: &Subdivided) -> serde_json::Va
         let pose = key_pose(&edge.pose);
         json!({ "mesh": edge.mesh, "primitive": edge.primitive, "vertices": edge.vertices, "new_vertices": edge.count, "max_m": edge.most_m, "pose": pose })
     };
-    let fidelity = done.fidelity.map(|both| {
-        both.map(|one| json!({ "rms": one.rms, "rms_with_noise": one.with_noise, "max": one.most, "worst_triangle": one.worst }))
+    let fidelity = done.fidelity.as_ref().zip(done.worst.as_ref()).map(|(both, worst)| {
+        let one = |(one, worst): (&Fidelity, &Worst)| {
+            let Worst { mesh, primitive, triangle, at_m } = worst;
+            let worst = json!({ "mesh": mesh, "primitive": primitive, "triangle": triangle, "at_m": at_m });
+            json!({ "rms": one.rms, "rms_with_noise": one.with_noise, "max": one.most, "worst": worst })
+        };
+        both.iter().zip(worst).map(one).collect::<Vec<_>>()
     });
     json!({
         "output": args.output,
         "triangles": done.triangles,
         "vertices": done.vertices,
         "splits": done.work.splits,
+        "splits_before_their_turn": done.work.forced,
         "at_depth": done.work.at_depth,
         "estimate_left": done.work.left,
         "baked_in_vain": done.in_vain,
@@ -174,6 +197,7 @@ fn figures(args: &SubdivideArgs, job: &Job, done: &Subdivided) -> serde_json::Va
             "max_m": done.deviation.most_m,
             "beyond_bound": done.deviation.beyond,
             "fitted": done.deviation.fitted,
+            "kept_whole": done.stiff,
             "edges_beyond": done.beyond.len(),
             "edges": done.beyond.iter().take(MOST_EDGES).map(edge).collect::<Vec<_>>(),
         },

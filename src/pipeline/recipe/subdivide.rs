@@ -47,6 +47,10 @@ pub struct SubdivideRecipe {
     pub key_poses: u16,
     /// How far skinning may take a new vertex off its triangle, in sizes of the character.
     pub bound: f32,
+    /// Edges that cannot meet the bound, and triangles beside them, stay whole; else they are split all the
+    /// same, and named.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub keep_bound: bool,
     /// New vertices lie on the smooth surface that the normals mean (PN triangles), where the seams of
     /// normals let it; else in the triangles, whose surface stays what it was.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
@@ -73,6 +77,7 @@ impl Default for SubdivideRecipe {
             curvature: None,
             key_poses: 8,
             bound: 5e-4,
+            keep_bound: false,
             smooth: false,
             rays: None,
             of: None,

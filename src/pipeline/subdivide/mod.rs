@@ -2,21 +2,21 @@
 
 mod beyond;
 mod budget;
+mod parts;
 mod plan;
 mod settings;
 mod skin;
 mod smooth;
 mod source;
 mod stage;
+mod truth;
 
 use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
-use crate::bake::subdivide::{
-    Fidelity, Leaf, Probes, Refined, Refiner, Row, Source, Tessellation, Work,
-};
-use crate::bake::{self, Baker, MOST_RAYS, Place, Standing};
-use crate::rig::{Deformed, Mix};
+use crate::bake::subdivide::{Fidelity, Probes, Refined, Refiner, Row, Source, Work};
+use crate::bake::{Baker, Standing};
+use crate::rig::Deformed;
 use crate::scene::{self, RefinedPart};
 
 pub use beyond::Beyond;
@@ -28,14 +28,16 @@ pub use stage::{
     REFINED, RefinedRecord, hash_of as refinement_hash, is_refinement, record_of, refined,
     refined_already,
 };
+pub use truth::{Worst, interpolation_probes};
 
 use super::{Error, Job, RecipeError};
+use beyond::Stiff;
+use parts::Placed;
 use skin::Skinned;
-use smooth::Shape;
-use source::{Surface, Views};
+use source::{Remembered, Surface, Views};
 
-/// Rays of a probe, in those of a vertex.
-const PROBE_RAYS: u32 = 4;
+/// Times that a surface is refined anew so that the bound is kept.
+const MOST_TRIES: usize = 12;
 
 /// A refined scene.
 #[derive(Debug)]
@@ -57,10 +59,14 @@ pub struct Subdivided {
     pub deviation: Deviation,
     /// The edges of the input that cannot meet the bound, the worst first.
     pub beyond: Vec<Beyond>,
+    /// Edges and triangles of the input that stay whole so that the bound is kept.
+    pub stiff: usize,
     /// The character's size, metres.
     pub size_m: f32,
     /// Interpolation error before and after, where that was asked for.
     pub fidelity: Option<[Fidelity; 2]>,
+    /// In which triangles that is the most.
+    pub worst: Option<[Worst; 2]>,
     /// The probes' own noise, in the unit of their errors.
     pub probe_noise: Option<f32>,
     /// The first key pose's transfer at every vertex of the result, primitives of one instance each;
@@ -92,73 +98,130 @@ impl Deviation {
     }
 }
 
-/// Refines the mesh of a job's scene, whose main file must be a glTF.
+/// Refines the mesh of a job's scene, whose main file must be a glTF; `probes`, of the same job and as
+/// many key poses, compare interpolation with the truth before and after.
 ///
 /// # Errors
 /// What import, bake and file object to; [`Error::Stopped`].
 pub fn subdivide(
     job: &Job,
     refinement: &Refinement,
+    probes: Option<&Probes>,
     stop: &AtomicBool,
     tell: &mut dyn FnMut(usize),
 ) -> Result<Subdivided, Error> {
     direct(job)?;
     let mesh = &job.scene.mesh;
     let file = whole(job)?;
-    let surface = surface(job, &file, refinement)?;
+    let surface = surface(job, &file)?;
+    refinement.check_room(surface.triangles.len(), surface.weld.len())?;
     let key_poses = job.poses.covering(refinement.key_poses);
     let baker = job.baker(&job.checked.bake, None)?;
     let posed: Vec<Deformed> = key_poses.iter().map(|&pose| job.traced(pose)).collect();
     let views =
         Views { mesh, surface: &surface, poses: standing(job, &baker, &key_poses, &posed)? };
     let areas = surface.areas(mesh, &posed[0]);
-    let tessellation = Tessellation::new(&surface.triangles, surface.weld.clone());
-    let given: Vec<Leaf> = tessellation.leaves().map(|leaf| tessellation.leaf(leaf)).collect();
-    let rows = given_rows(job, &surface, &views, stop)?;
-    let probes = probes(job, refinement, (&views, &key_poses, &posed), &areas, stop)?;
-    let before = probes.as_ref().map(|probes| probes.compare(&given, &rows));
-    let mut refiner = Refiner::new(tessellation, rows, &areas, (&views, refinement.measure), stop)?;
-    let work = refiner.run(&refinement.goal, stop, tell)?;
-    let refined = refiner.finish(stop)?;
-    let after = probes.as_ref().map(|probes| probes.compare(&refined.triangles, &refined.rows));
-    let all = place_all(&surface, &refined);
-    let (parts, skinned) = parts(job, &surface, (&refined, &all), &key_poses, refinement);
+    let rows = truth::given_rows(job, &surface, &views, stop)?;
+    let given = surface.leaves();
+    let before = probes.map(|probes| probes.compare(&given, &rows));
+    let scene =
+        Refining { job, refinement, surface: &surface, areas: &areas, key_poses: &key_poses };
     let bound_m = refinement.bound * job.poses.size_m;
+    let remembered = Remembered::new(&views);
+    let mut stiff = Stiff::default();
+    let mut tries = 1;
+    let done = loop {
+        let source: &dyn Source = if refinement.keep_bound { &remembered } else { &views };
+        let done = scene.refine((source, &rows), &stiff, stop, tell)?;
+        let off = (&done.skinned.deviations[..], bound_m);
+        let is_kept = !refinement.keep_bound || !stiff.add(&surface, &done.refined.places, off);
+        if is_kept || tries == MOST_TRIES {
+            break done;
+        }
+        tries += 1;
+    };
+    let Done { work, refined, placed, parts, skinned } = done;
+    let after = probes.map(|probes| probes.compare(&refined.triangles, &refined.rows));
+    let fidelity = before.zip(after).map(|(before, after)| [before, after]);
+    let worst = fidelity.map(|[before, after]| {
+        let of = |wrong| Worst::of(job, &surface, wrong, &posed[0]);
+        [of((&before, &given[..])), of((&after, &refined.triangles[..]))]
+    });
     let off = (&skinned.deviations[..], bound_m);
-    let beyond = beyond::beyond(job, &surface, &refined.places, off);
-    let glb = scene::refine(&file, mesh, &parts).map_err(|source| in_file(job, source))?;
     Ok(Subdivided {
-        glb,
+        glb: scene::refine(&file, mesh, &parts).map_err(|source| in_file(job, source))?,
         work,
         triangles: [surface.triangles.len(), refined.triangles.len()],
         vertices: [surface.weld.len(), refined.rows.len()],
         in_vain: refined.in_vain,
-        key_poses,
         deviation: Deviation::of(&skinned, bound_m),
-        beyond,
+        beyond: beyond::beyond(job, &surface, &refined.places, off),
+        stiff: stiff.count(),
         size_m: job.poses.size_m,
-        probe_noise: probes.as_ref().map(Probes::noise),
-        fidelity: before.zip(after).map(|(before, after)| [before, after]),
-        values: values(&surface, &refined, &all),
-        errors: errors(&refined, &all),
+        probe_noise: probes.map(Probes::noise),
+        fidelity,
+        worst,
+        values: parts::values(&surface, &refined, &placed),
+        errors: parts::errors(&refined, &placed),
+        key_poses,
     })
 }
 
-/// The scene's primitives, each once, within the budgets.
-fn surface(job: &Job, file: &[u8], refinement: &Refinement) -> Result<Surface, Error> {
+/// What every try to refine a surface has in common.
+struct Refining<'a> {
+    job: &'a Job,
+    refinement: &'a Refinement,
+    surface: &'a Surface,
+    areas: &'a [f32],
+    key_poses: &'a [usize],
+}
+
+/// What one came to.
+struct Done {
+    work: Work,
+    refined: Refined,
+    placed: Vec<Placed>,
+    parts: Vec<RefinedPart>,
+    skinned: Skinned,
+}
+
+impl Refining<'_> {
+    fn refine(
+        &self,
+        (source, rows): (&dyn Source, &[Row]),
+        stiff: &Stiff,
+        stop: &AtomicBool,
+        tell: &mut dyn FnMut(usize),
+    ) -> Result<Done, Error> {
+        let Self { job, refinement, surface, .. } = *self;
+        let mut tessellation = surface.tessellation(&job.scene.mesh);
+        stiff.stiffen(&mut tessellation);
+        let by = (source, refinement.measure);
+        let mut refiner = Refiner::new(tessellation, rows.to_vec(), self.areas, by, stop)?;
+        let work = refiner.run(&refinement.goal, stop, tell)?;
+        let refined = refiner.finish(stop)?;
+        let placed = parts::place_all(surface, &refined);
+        let new = (&refined, &placed[..]);
+        let (parts, skinned) = parts::parts(job, surface, new, self.key_poses, refinement);
+        Ok(Done { work, refined, placed, parts, skinned })
+    }
+}
+
+/// The scene's primitives, each once.
+fn surface(job: &Job, file: &[u8]) -> Result<Surface, Error> {
     let parts = &job.scene.mesh.parts;
     let origins = scene::primitives(file, parts).map_err(|source| in_file(job, source))?;
-    let surface = Surface::new(&job.scene.mesh, &origins);
-    refinement.check_room(surface.triangles.len(), surface.weld.len())?;
-    Ok(surface)
+    Ok(Surface::new(&job.scene.mesh, &origins))
 }
 
 /// Whether a job's scene can be refined as its recipe says, where it says that.
 pub(super) fn check_scene(job: &Job) -> Result<(), Error> {
-    match job.recipe.subdivide.as_ref().filter(|_| job.is_to_be_refined()) {
-        None => Ok(()),
-        Some(recipe) => surface(job, &whole(job)?, &Refinement::of(job, recipe)?).map(drop),
-    }
+    let Some(recipe) = job.recipe.subdivide.as_ref().filter(|_| job.is_to_be_refined()) else {
+        return Ok(());
+    };
+    let refinement = Refinement::of(job, recipe)?;
+    let surface = surface(job, &whole(job)?)?;
+    Ok(refinement.check_room(surface.triangles.len(), surface.weld.len())?)
 }
 
 /// The file that is written into: the scene's, its buffers taken in.
@@ -168,25 +231,6 @@ fn whole(job: &Job) -> Result<Cow<'_, [u8]>, Error> {
 
 fn in_file(job: &Job, source: scene::Error) -> Error {
     Error::Scene { file: job.recipe.scene.file.clone(), source }
-}
-
-/// Places between vertices, with more rays than those have.
-fn probes(
-    job: &Job,
-    refinement: &Refinement,
-    (views, key_poses, posed): (&Views<'_>, &[usize], &[Deformed]),
-    areas: &[f32],
-    stop: &AtomicBool,
-) -> Result<Option<Probes>, Error> {
-    if refinement.probes == 0 {
-        return Ok(None);
-    }
-    let rays = job.checked.bake.rays.saturating_mul(PROBE_RAYS).min(MOST_RAYS);
-    let baker = job.baker(&bake::Settings { rays, ..job.checked.bake }, None)?;
-    let poses = standing(job, &baker, key_poses, posed)?;
-    let views = Views { poses, ..*views };
-    let seed = job.recipe.bake.seed;
-    Ok(Some(Probes::new(areas, refinement.probes, seed, &views, stop)?))
 }
 
 /// The queue looks at direct light, with the same rays everywhere.
@@ -217,159 +261,6 @@ fn standing<'a>(
         Ok(baker.stand(pose, &super::bake::posed(job, pose, mesh))?)
     };
     poses.iter().zip(posed).map(one).collect()
-}
-
-/// The rows of the input's vertices: of each point one vertex is baked. A vertex without a triangle
-/// gets nothing, since nobody asks.
-fn given_rows(
-    job: &Job,
-    surface: &Surface,
-    views: &Views<'_>,
-    stop: &AtomicBool,
-) -> Result<Vec<Row>, Error> {
-    let mut corner: Vec<Option<Place>> = vec![None; surface.weld.len()];
-    for (triangle, corners) in (0_u32..).zip(&surface.triangles) {
-        for (i, &vertex) in corners.iter().enumerate() {
-            let weights = std::array::from_fn(|j| if i == j { 1.0 } else { 0.0 });
-            corner[vertex as usize].get_or_insert(Place { triangle, weights });
-        }
-    }
-    let mut first_of = std::collections::BTreeMap::new();
-    let mut same = vec![usize::MAX; corner.len()];
-    for primitive in &surface.primitives {
-        let start = job.scene.mesh.parts[primitive.parts[0]].vertices.start;
-        for own in 0..primitive.vertices {
-            let vertex = primitive.first_vertex + own;
-            if corner[vertex].is_some() {
-                // Another number of instances makes another row.
-                let point = (job.poses.points.of_vertex[start + own], primitive.parts.len());
-                let key = if primitive.parts.len() == 1 { (point, 0) } else { (point, vertex) };
-                same[vertex] = *first_of.entry(key).or_insert(vertex);
-            }
-        }
-    }
-    let baked: Vec<usize> = (0..same.len()).filter(|&vertex| same[vertex] == vertex).collect();
-    let places: Vec<Place> = baked.iter().filter_map(|&vertex| corner[vertex]).collect();
-    let numbers: Vec<u64> = baked.iter().map(|&vertex| vertex as u64).collect();
-    let found = views.look(&places, &numbers, stop)?;
-    let mut rows = vec![Row::default(); corner.len()];
-    for (&vertex, row) in baked.iter().zip(found) {
-        rows[vertex] = row;
-    }
-    for vertex in 0..rows.len() {
-        if same[vertex] != usize::MAX && same[vertex] != vertex {
-            rows[vertex] = rows[same[vertex]].clone();
-        }
-    }
-    Ok(rows)
-}
-
-/// Where a vertex of the refined surface went: its primitive, and its number there.
-struct Placed {
-    primitive: usize,
-    number: u32,
-}
-
-/// Each primitive's own vertices keep their numbers, its new ones follow.
-fn place_all(surface: &Surface, refined: &Refined) -> Vec<Placed> {
-    let mut all = Vec::with_capacity(refined.rows.len());
-    let mut next: Vec<u32> = Vec::new();
-    for (index, primitive) in surface.primitives.iter().enumerate() {
-        let number = |number| Placed { primitive: index, number };
-        all.extend((0..primitive.vertices as u32).map(number));
-        next.push(primitive.vertices as u32);
-    }
-    for place in &refined.places {
-        let primitive = surface.primitive_of(place.triangle);
-        all.push(Placed { primitive, number: next[primitive] });
-        next[primitive] += 1;
-    }
-    all
-}
-
-fn parts(
-    job: &Job,
-    surface: &Surface,
-    (refined, all): (&Refined, &[Placed]),
-    key_poses: &[usize],
-    refinement: &Refinement,
-) -> (Vec<RefinedPart>, Skinned) {
-    let mesh = &job.scene.mesh;
-    let part_of = |primitive: usize| surface.primitives[primitive].parts[0];
-    let mut parts: Vec<RefinedPart> = (0..surface.primitives.len())
-        .map(|primitive| RefinedPart {
-            part: part_of(primitive),
-            added: Vec::new(),
-            influences: Vec::new(),
-            moved: Vec::new(),
-            triangles: Vec::new(),
-        })
-        .collect();
-    let mixes: Vec<Mix> = refined
-        .places
-        .iter()
-        .map(|place| {
-            let primitive = &surface.primitives[surface.primitive_of(place.triangle)];
-            let start = mesh.parts[primitive.parts[0]].vertices.start - primitive.first_vertex;
-            let corners = surface.triangles[place.triangle as usize];
-            let vertices = corners.map(|vertex| start as u32 + vertex);
-            Mix { vertices, weights: place.weights }
-        })
-        .collect();
-    let shape = match refinement.smooth {
-        true => Shape::smooth(mesh, surface, &refined.places),
-        false => Shape::flat(),
-    };
-    let moved = shape.moved(mesh, &mixes);
-    let bound_m = refinement.bound * job.poses.size_m;
-    let skinned = skin::bind(job, (&mixes, &shape), key_poses, bound_m);
-    for (index, (place, mix)) in refined.places.iter().zip(&mixes).enumerate() {
-        let primitive = surface.primitive_of(place.triangle);
-        let start = mesh.parts[part_of(primitive)].vertices.start as u32;
-        let own = Mix { vertices: mix.vertices.map(|vertex| vertex - start), ..*mix };
-        parts[primitive].added.push(own);
-        parts[primitive].influences.push(skinned.influences[index].clone());
-        parts[primitive].moved.extend(moved.get(index));
-    }
-    for leaf in &refined.triangles {
-        let corners = leaf.corners.map(|vertex| all[vertex as usize].number);
-        parts[surface.primitive_of(leaf.root)].triangles.push(corners);
-    }
-    (parts, skinned)
-}
-
-/// The first view's transfer by primitive and number, as import numbers the result.
-fn values(surface: &Surface, refined: &Refined, all: &[Placed]) -> Option<Vec<f32>> {
-    if surface.primitives.iter().any(|primitive| primitive.parts.len() > 1) {
-        return None;
-    }
-    let views = refined.rows.iter().map(|row| row.normals.len()).max()?;
-    let width = refined.rows.iter().map(|row| row.transfer.len()).max()? / views;
-    let nothing = vec![0.0; width];
-    let mut out = Vec::with_capacity(refined.rows.len() * width);
-    for vertex in in_order(all) {
-        let row = &refined.rows[vertex].transfer;
-        out.extend_from_slice(row.get(..width).unwrap_or(&nothing));
-    }
-    Some(out)
-}
-
-fn errors(refined: &Refined, all: &[Placed]) -> Vec<f32> {
-    let mut of_vertex = vec![0.0_f32; refined.rows.len()];
-    for (leaf, &error) in refined.triangles.iter().zip(&refined.errors) {
-        for corner in leaf.corners {
-            let here = &mut of_vertex[corner as usize];
-            *here = here.max(error);
-        }
-    }
-    in_order(all).into_iter().map(|vertex| of_vertex[vertex]).collect()
-}
-
-/// Vertices by primitive, then by number.
-fn in_order(all: &[Placed]) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..all.len()).collect();
-    order.sort_by_key(|&vertex| (all[vertex].primitive, all[vertex].number));
-    order
 }
 
 #[cfg(test)]

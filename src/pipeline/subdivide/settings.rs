@@ -24,14 +24,14 @@ pub struct Refinement {
     pub key_poses: usize,
     /// How far skinning may take a new vertex off its triangle, in sizes of the character.
     pub bound: f32,
+    /// Whether edges that cannot meet the bound stay whole.
+    pub keep_bound: bool,
     /// Whether new vertices lie on the smooth surface that the normals mean.
     pub smooth: bool,
-    /// Places at which interpolation is compared with the truth before and after; 0 for none.
-    pub probes: usize,
 }
 
 impl Refinement {
-    /// The refinement of a mesh of so many triangles and this size, without probes.
+    /// The refinement of a mesh of so many triangles and this size.
     ///
     /// # Errors
     /// The first field that cannot run.
@@ -66,8 +66,8 @@ impl Refinement {
             MeasureName::Uniform => ErrorMeasure::Uniform,
         };
         let key_poses = usize::from(recipe.key_poses);
-        let SubdivideRecipe { bound, smooth, .. } = *recipe;
-        Ok(Self { goal, measure, key_poses, bound, smooth, probes: 0 })
+        let SubdivideRecipe { bound, keep_bound, smooth, .. } = *recipe;
+        Ok(Self { goal, measure, key_poses, bound, keep_bound, smooth })
     }
 
     /// What the recipe of a job asks for.

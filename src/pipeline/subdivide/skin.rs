@@ -17,10 +17,10 @@ use crate::pipeline::Job;
 use crate::rig::{Deformed, Influence, Mesh, Mix, deform};
 
 /// Steps of the projected gradient; each costs the square of a dozen joints at most.
-const STEPS: usize = 200;
+const STEPS: usize = 100;
 
 /// Times that the poses are weighed anew.
-const ROUNDS: usize = 6;
+const ROUNDS: usize = 24;
 
 /// Joints that a fit looks at.
 const MOST_CANDIDATES: usize = 12;
@@ -273,7 +273,7 @@ fn left(columns: &[Vec<Vec3>], target: &[Vec3], weights: &[f64]) -> Vec<f64> {
 }
 
 /// min Σ over poses of share · ‖Σ_j w_j column_j − target‖² over the simplex, by projected gradients
-/// from `weights`.
+/// with momentum (Beck and Teboulle 2009, restarted as O'Donoghue and Candès 2015) from `weights`.
 fn simplex(
     columns: &[Vec<Vec3>],
     target: &[Vec3],
@@ -286,14 +286,23 @@ fn simplex(
         both.map(|(((a, b), t), s)| s * (*a - *t).as_dvec3().dot((*b - *t).as_dvec3())).sum()
     };
     let gram: Vec<f64> = (0..n * n).map(|at| dot(&columns[at / n], &columns[at % n])).collect();
-    let trace: f64 = (0..n).map(|i| gram[i * n + i]).sum();
-    if trace <= 0.0 {
+    // No eigenvalue is larger.
+    let most = gram.iter().map(|x| x * x).sum::<f64>().sqrt();
+    if most <= 0.0 {
         return weights;
     }
+    let (mut ahead, mut pace) = (weights.clone(), 1.0_f64);
     for _ in 0..STEPS {
-        let slope = |i: usize| (0..n).map(|j| gram[i * n + j] * weights[j]).sum::<f64>();
-        let moved: Vec<f64> = (0..n).map(|i| weights[i] - slope(i) / trace).collect();
-        weights = onto_simplex(&moved);
+        let slope = |i: usize| (0..n).map(|j| gram[i * n + j] * ahead[j]).sum::<f64>();
+        let moved: Vec<f64> = (0..n).map(|i| ahead[i] - slope(i) / most).collect();
+        let next = onto_simplex(&moved);
+        let turned = (0..n).map(|i| (ahead[i] - next[i]) * (next[i] - weights[i])).sum::<f64>();
+        // Where the momentum leads uphill it is given up.
+        let faster =
+            if turned > 0.0 { 1.0 } else { (1.0 + (1.0 + 4.0 * pace * pace).sqrt()) / 2.0 };
+        let momentum = if turned > 0.0 { 0.0 } else { (pace - 1.0) / faster };
+        ahead = (0..n).map(|i| next[i] + momentum * (next[i] - weights[i])).collect();
+        (weights, pace) = (next, faster);
     }
     weights
 }
@@ -341,6 +350,35 @@ mod tests {
         let far = [Vec3::X * 9.0, Vec3::Y * 9.0];
         let weights = simplex(&columns, &far, &[0.5; 2], vec![1.0 / 3.0; 3]);
         assert!(weights[1] > 0.999, "{weights:?}");
+    }
+
+    /// Joints that move almost alike, as a twist's do: the fit is still within a hundredth of the best of
+    /// all weights in steps of 1/200.
+    #[test]
+    fn nearly_parallel_joints_are_told_apart() {
+        let mut random = crate::num::random::Stream::new(3);
+        let mut any = || Vec3::from_array([0, 1, 2].map(|_| random.normal() as f32));
+        for _ in 0..5 {
+            let base: Vec<Vec3> = (0..4).map(|_| any()).collect();
+            let near = |any: &mut dyn FnMut() -> Vec3| -> Vec<Vec3> {
+                base.iter().map(|at| *at + 0.03 * any()).collect()
+            };
+            let columns = vec![near(&mut any), near(&mut any), near(&mut any)];
+            let mix = |pose: usize| -> Vec3 {
+                [0.7, 0.1, 0.2].iter().zip(&columns).map(|(w, column)| *w * column[pose]).sum()
+            };
+            let target: Vec<Vec3> = (0..4).map(|pose| mix(pose) + 0.004 * any()).collect();
+            let most = |w: &[f64]| left(&columns, &target, w).into_iter().fold(0.0, f64::max);
+            let fitted = most(&minimax(&columns, &target, vec![1.0 / 3.0; 3]));
+            let mut best = f64::INFINITY;
+            for a in 0..=200 {
+                for b in 0..=200 - a {
+                    let w = [a, b, 200 - a - b].map(|share| f64::from(share) / 200.0);
+                    best = best.min(most(&w));
+                }
+            }
+            assert!(fitted < 1.01 * best, "{fitted} where {best} is possible");
+        }
     }
 
     /// The largest distance is what is made small: of a pose seen three times and one seen once, least

@@ -1,13 +1,14 @@
 //! The primitives of a scene as one surface, and its transfer in every view.
 
-use std::collections::HashMap;
+use std::cell::RefCell;
+use std::collections::{HashMap, HashSet};
 use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
-use crate::bake::subdivide::{Row, Source};
+use crate::bake::subdivide::{Leaf, Row, Source, Tessellation};
 use crate::bake::{self, Place, Standing};
-use crate::rig::{Deformed, Mesh};
+use crate::rig::{Deformed, Mesh, MorphTarget};
 
 /// More instances of one primitive are not looked at: the first ones stand for them.
 const MOST_INSTANCES: usize = 16;
@@ -66,6 +67,34 @@ impl Surface {
         surface
     }
 
+    /// The surface with nothing split.
+    pub(super) fn tessellation(&self, mesh: &Mesh) -> Tessellation {
+        Tessellation::keeping(&self.triangles, self.weld.clone(), self.fillers(mesh))
+    }
+
+    /// Its triangles.
+    pub(super) fn leaves(&self) -> Vec<Leaf> {
+        (0..).zip(&self.triangles).map(|(root, &corners)| Leaf::root(root, corners)).collect()
+    }
+
+    /// Triangles of which two corners are one vertex in every pose: fillers of seams, without area.
+    fn fillers(&self, mesh: &Mesh) -> HashSet<u32> {
+        let mut fillers = HashSet::new();
+        for (triangle, corners) in (0_u32..).zip(&self.triangles) {
+            let sides = [[0, 1], [1, 2], [2, 0]].map(|side| side.map(|i| corners[i]));
+            let primitive = &self.primitives[self.primitive_of(triangle)];
+            let first = mesh.parts[primitive.parts[0]].vertices.start;
+            let own = |vertex: u32| vertex as usize - primitive.first_vertex + first;
+            let is_one = |[a, b]: [u32; 2]| {
+                self.weld[a as usize] == self.weld[b as usize] && move_alike(mesh, own(a), own(b))
+            };
+            if sides.into_iter().any(is_one) {
+                fillers.insert(triangle);
+            }
+        }
+        fillers
+    }
+
     /// The primitive of a triangle.
     pub(super) fn primitive_of(&self, triangle: u32) -> usize {
         self.primitives.partition_point(|p| p.first_triangle <= triangle as usize) - 1
@@ -83,6 +112,18 @@ impl Surface {
         }
         areas
     }
+}
+
+/// Whether two vertices at one place of a mesh stay together in every pose.
+fn move_alike(mesh: &Mesh, a: usize, b: usize) -> bool {
+    let same_delta = |morph: &MorphTarget| {
+        let [a, b] = [a, b].map(|vertex| {
+            let at = morph.vertices.binary_search(&(vertex as u32)).ok();
+            at.map_or(Vec3::ZERO, |at| morph.position_deltas[at])
+        });
+        a == b
+    };
+    mesh.influences_of(a) == mesh.influences_of(b) && mesh.morphs.iter().all(same_delta)
 }
 
 /// Every view of a surface: the key poses, and in each the instances.
@@ -129,5 +170,37 @@ impl Source for Views<'_> {
             }
         }
         Ok(rows)
+    }
+}
+
+/// What was baked before is not baked again: a surface is refined anew where a part of it must stay.
+#[derive(Debug)]
+pub(super) struct Remembered<'a> {
+    views: &'a Views<'a>,
+    rows: RefCell<HashMap<(u32, [u32; 3]), Row>>,
+}
+
+impl<'a> Remembered<'a> {
+    pub(super) fn new(views: &'a Views<'a>) -> Self {
+        Self { views, rows: RefCell::default() }
+    }
+}
+
+impl Source for Remembered<'_> {
+    fn look(
+        &self,
+        places: &[Place],
+        numbers: &[u64],
+        stop: &AtomicBool,
+    ) -> Result<Vec<Row>, bake::Error> {
+        let key = |place: &Place| (place.triangle, place.weights.map(f32::to_bits));
+        let mut known = self.rows.borrow_mut();
+        let unknown = |&i: &usize| !known.contains_key(&key(&places[i]));
+        let open: Vec<usize> = (0..places.len()).filter(unknown).collect();
+        let asked: Vec<Place> = open.iter().map(|&i| places[i]).collect();
+        let numbered: Vec<u64> = open.iter().map(|&i| numbers[i]).collect();
+        let found = self.views.look(&asked, &numbered, stop)?;
+        known.extend(asked.iter().map(key).zip(found));
+        Ok(places.iter().map(|place| known[&key(place)].clone()).collect())
     }
 }

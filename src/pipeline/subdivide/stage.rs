@@ -147,7 +147,8 @@ fn make(
     let refinement = Refinement::of(job, &recipe)?;
     let mut tell = |triangles| (watch.report)(refinement.progress(given, triangles, start));
     tell(given);
-    let done = subdivide(&direct, &refinement, watch.cancelled, &mut tell).map_err(stopped)?;
+    let done =
+        subdivide(&direct, &refinement, None, watch.cancelled, &mut tell).map_err(stopped)?;
     let Subdivided { triangles, vertices, work, deviation, glb, .. } = done;
     let record = RefinedRecord {
         hash,

@@ -83,12 +83,13 @@ fn job(rays: u32) -> Job {
 
 fn refinement(measure: ErrorMeasure, triangles: usize) -> Refinement {
     let goal = Goal { triangles, vertices: usize::MAX, error: 0.0, depth: 8, area: 0.0 };
-    Refinement { goal, measure, key_poses: 4, bound: 1e-3, smooth: false, probes: 800 }
+    Refinement { goal, measure, key_poses: 4, bound: 1e-3, keep_bound: false, smooth: false }
 }
 
 fn refined(job: &Job, measure: ErrorMeasure, triangles: usize) -> Subdivided {
     let stop = AtomicBool::new(false);
-    subdivide(job, &refinement(measure, triangles), &stop, &mut |_| ()).unwrap()
+    let probes = interpolation_probes(job, 4, 800, &stop).unwrap();
+    subdivide(job, &refinement(measure, triangles), Some(&probes), &stop, &mut |_| ()).unwrap()
 }
 
 /// The column's shadow on the floor: each budget is kept and well used, more triangles leave less
@@ -151,8 +152,8 @@ fn the_refined_file_is_the_same_surface() {
 fn an_unreachable_threshold_ends_at_the_depth() {
     let job = job(64);
     let mut refinement = refinement(ErrorMeasure::Distance, 100_000);
-    (refinement.goal.error, refinement.goal.depth, refinement.probes) = (1e-6, 2, 0);
-    let done = subdivide(&job, &refinement, &AtomicBool::new(false), &mut |_| ()).unwrap();
+    (refinement.goal.error, refinement.goal.depth) = (1e-6, 2);
+    let done = subdivide(&job, &refinement, None, &AtomicBool::new(false), &mut |_| ()).unwrap();
     assert!(done.work.at_depth > 0, "{:?}", done.work);
     assert!(done.triangles[1] <= 10 * 16);
 }

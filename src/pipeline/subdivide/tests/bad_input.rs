@@ -83,8 +83,8 @@ fn job_of(file: Vec<u8>, edit: impl FnOnce(&mut Recipe)) -> Job {
 
 /// Refines without probes; the result and its mesh.
 fn refine(job: &Job, triangles: usize) -> (Subdivided, Mesh) {
-    let refinement = Refinement { probes: 0, ..refinement(ErrorMeasure::Uniform, triangles) };
-    let done = subdivide(job, &refinement, &AtomicBool::new(false), &mut |_| ()).unwrap();
+    let refinement = refinement(ErrorMeasure::Uniform, triangles);
+    let done = subdivide(job, &refinement, None, &AtomicBool::new(false), &mut |_| ()).unwrap();
     let mesh = import(done.glb.clone()).mesh;
     (done, mesh)
 }
@@ -269,9 +269,8 @@ fn smooth_surfaces_are_projected_where_asked() {
     let least = |smooth| {
         let goal = Goal { triangles: 128, vertices: usize::MAX, error: 0.0, depth: 8, area: 0.0 };
         let refinement = Refinement { goal, smooth, ..refinement(ErrorMeasure::Uniform, 128) };
-        let refinement = Refinement { probes: 0, ..refinement };
         let stop = AtomicBool::new(false);
-        let done = subdivide(&job, &refinement, &stop, &mut |_| ()).unwrap();
+        let done = subdivide(&job, &refinement, None, &stop, &mut |_| ()).unwrap();
         let mesh = import(done.glb).mesh;
         assert_eq!(mesh.triangles.len(), 128);
         mesh.positions.iter().map(|p| p.length()).fold(f32::INFINITY, f32::min)
