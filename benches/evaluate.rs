@@ -236,7 +236,7 @@ fn report_occluders(points: usize) {
         .map(|(model, spheres)| {
             let name = format!("{} of {spheres} spheres", model.header().signal.name());
             let mut out = vec![0.0; points * model.header().width()];
-            let surface = Surface { positions: &positions, normals: &normals };
+            let surface = Surface { positions: &positions, normals: &normals, tangents: &[] };
             let input = PosedInput {
                 parameters: &parameters,
                 bone_rotations: &turns,

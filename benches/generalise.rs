@@ -1,5 +1,6 @@
 //! `cargo bench --bench generalise -- SCENE.glb [--signal ao] [--order 6] [--fps 15] [--rays 256]
-//! [--reference-fps 2] [--reference-rays 1024] [--folds 4] [--folder DIR] [--family NAME[,…]]…`:
+//! [--mixed-poses N] [--reference-fps 2] [--reference-rays 1024] [--folds 4] [--folder DIR]
+//! [--family NAME[,…]]…`:
 //! how models do on clips that they have not seen. The scene's clips are baked once, and once more
 //! with many rays at other times; then each fold of the clips is left out of the fit in turn (by
 //! default each clip, at most four folds) and predicted. A line per fold and model: bytes at 8
@@ -50,6 +51,7 @@ fn main() -> Result<()> {
     let mut many = options.recipe.clone();
     (many.poses.rate_hz, many.bake.rays) = options.reference;
     many.bake.seed += 76;
+    (many.poses.mixed, many.poses.most) = (0, None);
     let reference = baked(&options.scene, many, &folder.join("reference.zarr"))?;
     let bake = &options.recipe.bake;
     println!(
@@ -213,7 +215,7 @@ fn tried(
     for pose in (0..layout.poses).filter(|&pose| fold.contains(&reference.clips()[pose])) {
         reference.read_points(&[pose], 0..layout.points, &mut truth)?;
         reference.read_noise(&[pose], 0..layout.points, &mut noise)?;
-        let surface = job.surface(pose);
+        let surface = job.surface(pose, false);
         let sample = &job.poses.samples[pose];
         let parameters = model.parameters_of_posed(&sample.pose, surface.as_surface().positions)?;
         let input = PosedInput {

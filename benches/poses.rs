@@ -2,8 +2,8 @@
 //! [--rays 64] [--reference-fps 4] [--reference-rays 512] [--folder DIR] [--fit JSON]…`: how many of
 //! the training poses have to be baked. Everything is baked once at the full rate, and the held-out
 //! clip once more with many rays; then models are fitted to fewer and fewer of the training poses,
-//! those that lie farthest apart (`--most-poses`) or every n-th of each clip (a lower `--fps`), and
-//! judged on the held-out clip. A line per number of poses: rays that these take, and each model's
+//! those that lie farthest apart (`--most-poses`), those that are predicted to be most wrong
+//! (`--choose-poses predicted-error`) or every n-th of each clip (a lower `--fps`), and judged on the held-out clip. A line per number of poses: rays that these take, and each model's
 //! error over that of the same model fitted to everything.
 //!
 //! Without a scene it is the bundled character, and the held-out clip its jump.
@@ -18,13 +18,16 @@ use std::sync::atomic::AtomicBool;
 
 use poselight::dataset::Dataset;
 use poselight::model::{Model, PosedInput};
-use poselight::pipeline::recipe::{FamilyName, FitRecipe, Recipe, SignalName};
+use poselight::pipeline::recipe::{FamilyName, FitRecipe, PoseChoiceName, Recipe, SignalName};
 use poselight::pipeline::{self, Job, Watch};
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;
 
 /// Shares of the training poses, one over these.
 const PARTS: [u32; 5] = [2, 3, 4, 8, 16];
+
+/// How these are chosen.
+const CHOSEN: [&str; 3] = ["farthest apart", "predicted error", "every n-th"];
 
 struct Options {
     scene: Option<PathBuf>,
@@ -52,6 +55,7 @@ fn main() -> Result<()> {
     held_out.poses.clips = held_out.poses.hold_out.replace(Vec::new());
     (held_out.poses.rate_hz, held_out.bake.rays) = options.reference;
     held_out.bake.seed += 76;
+    held_out.poses.mixed = 0;
     let reference = baked(&scene, held_out, &folder.join("judge.zarr"), None)?;
     let judge = Judge::new(&reference)?;
     let training = count(&full);
@@ -83,18 +87,19 @@ fn main() -> Result<()> {
     };
     line(training, "everything", &whole);
     for part in PARTS {
-        for apart in [true, false] {
+        for (which, chosen) in CHOSEN.into_iter().enumerate() {
             let mut recipe = options.recipe.clone();
-            if apart {
+            if which < 2 {
                 recipe.poses.most = Some((training as u32 / part).max(1));
+                recipe.poses.choice =
+                    [PoseChoiceName::Distance, PoseChoiceName::PredictedError][which];
             } else {
                 recipe.poses.rate_hz /= part as f32;
             }
-            let path = folder.join(format!("part{part}{}.zarr", u8::from(apart)));
+            let path = folder.join(format!("part{part}{which}.zarr"));
             let dataset = baked(&scene, recipe, &path, Some(&full_path))?;
             let errors: Result<Vec<f64>> =
                 options.fits.iter().map(|fit| judge.error(&dataset, fit)).collect();
-            let chosen = if apart { "farthest apart" } else { "every n-th" };
             line(count(&dataset), chosen, &errors?);
         }
     }
@@ -142,7 +147,7 @@ impl<'a> Judge<'a> {
             self.reference.read_points(&[pose], 0..layout.points, &mut truth)?;
             self.reference.read_noise(&[pose], 0..layout.points, &mut noise)?;
             let sample = &self.job.poses.samples[pose];
-            let surface = self.job.surface(pose);
+            let surface = self.job.surface(pose, false);
             let input = PosedInput {
                 parameters: &model.parameters_of_pose(&sample.pose)?,
                 bone_rotations: &sample.bone_rotations,

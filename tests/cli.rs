@@ -501,6 +501,17 @@ fn a_character_is_refined() {
         [before, after].map(|output| serde_json::from_slice(&output.stdout).expect("an object"));
     assert_eq!((&before["clips"], &before["joints"]), (&after["clips"], &after["joints"]));
     assert_eq!(after["triangles"].as_u64(), Some(triangles), "{after}");
+    // Edges that cannot meet a bound stay whole where that is asked for, and what is left keeps it.
+    let bound = |more: &[&'static str]| {
+        let mut words = refine(&["--max-triangles", "16000", "--bound", "0.0002"]);
+        words.extend(more);
+        let told: Value = serde_json::from_slice(&studio.succeed(&words).stdout).expect("one");
+        let deviation = &told["deviation"];
+        [&deviation["beyond_bound"], &deviation["kept_whole"]]
+            .map(|n| n.as_u64().expect("a number"))
+    };
+    let [split, kept] = [bound(&[]), bound(&["--keep-bound"])];
+    assert!(split[0] > 0 && split[1] == 0 && kept[0] == 0 && kept[1] > 0, "{split:?} {kept:?}");
     fs::write(studio.path("plain.gltf"), "{}").expect("written");
     let patch = "v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 3 2\n";
     fs::write(studio.path("patch.obj"), patch).expect("written");
@@ -515,6 +526,7 @@ fn a_character_is_refined() {
         (vec!["subdivide", "figure.glb", "-o", "figure.glb"], 2, "replace the scene figure.glb"),
         (vec!["apply", "no.st", "figure.glb", "-o", "./figure.glb"], 2, "replace the scene"),
         (vec!["subdivide", "plain.gltf", "-o", "fine.glb"], 1, "plain.gltf"),
+        (vec!["subdivide", "patch.obj", "-o", "fine.glb"], 1, "only a glTF can be written into"),
     ] {
         let (found, message) = studio.fail(&words);
         assert_eq!(found, status, "{words:?}: {message}");

@@ -25,6 +25,7 @@ fn reduction(command: &str) -> &'static [&'static str] {
         "still" | "crowd" => &["--size", "40", "50", "--samples", "1", "--rays", "8"],
         "subdivide" => &["--rays", "4", "--fps", "2", "--key-poses", "2"],
         "measure" => &["--reference-poses", "3"],
+        "tradeoff" => &["--reference-poses", "3", "--only", "mean"],
         _ => &[],
     }
 }

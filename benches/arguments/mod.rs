@@ -2,7 +2,8 @@
 
 use poselight::pipeline::recipe::Recipe;
 
-/// Takes `--signal`, `--order`, `--rays` and `--fps` into a recipe; whether it was one of them.
+/// Takes `--signal`, `--order`, `--rays`, `--fps`, `--most-poses`, `--choose-poses` and `--mixed-poses` into a
+/// recipe; whether it was one of them.
 pub(crate) fn edit(
     recipe: &mut Recipe,
     word: &str,
@@ -13,6 +14,9 @@ pub(crate) fn edit(
         "--order" => recipe.bake.order = value.parse()?,
         "--rays" => recipe.bake.rays = value.parse()?,
         "--fps" => recipe.poses.rate_hz = value.parse()?,
+        "--most-poses" => recipe.poses.most = Some(value.parse()?),
+        "--choose-poses" => recipe.poses.choice = serde_json::from_value(value.into())?,
+        "--mixed-poses" => recipe.poses.mixed = value.parse()?,
         _ => return Ok(false),
     }
     Ok(true)

@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use poselight::scene;
-use poselight::shade::{Brdf, EnvironmentMap, Reflectance, Reflector, ZonalLight, factor};
+use poselight::shade::{
+    Brdf, Colours, EnvironmentMap, Factoring, Reflectance, Reflector, ZonalLight, factor, factor_by,
+};
 
 use crate::order;
 
@@ -60,6 +62,27 @@ pub(crate) fn brdfs() -> Vec<(&'static str, Brdf)> {
     ]
 }
 
+/// What three colours lose by sharing their light factors.
+fn sharing() {
+    println!(
+        "\n| GGX in three colours, order 4 | terms | red | green | blue | bytes |\n|---|---|---|---|---|---|"
+    );
+    for alpha in [0.2, 0.5] {
+        let gold = Brdf::Ggx { normal_reflectance: [0.9, 0.6, 0.3], alpha: [alpha; 2] };
+        for (name, colours) in [("together", Colours::Together), ("apart", Colours::Apart)] {
+            let way = Factoring { colours, ..Factoring::default() };
+            let factored = factor_by(&gold, order(4), 96, way).unwrap();
+            for terms in [4, 8, 12] {
+                let operators = factored.each_ref().map(|colour| colour.operator(terms));
+                let errors =
+                    factored.each_ref().map(|f| format!("{:.2} %", 100.0 * f.error(terms)));
+                let bytes = Reflector::new(name, &operators, [0.0; 3]).bytes();
+                println!("| α {alpha}, {name} | {terms} | {} | {bytes} |", errors.join(" | "));
+            }
+        }
+    }
+}
+
 /// Operators: the time of one, and the errors of the factored reflectance over terms and orders.
 pub(crate) fn reflection() {
     println!(
@@ -82,6 +105,7 @@ pub(crate) fn reflection() {
             percent(worst.lit_error(8))
         );
     }
+    sharing();
     println!(
         "\n| error by terms | order | 1 | 2 | 4 | 8 | 16 | all, the bands' own | of what the light shows: 8 | all |\n|---|---|---|---|---|---|---|---|---|---|"
     );

@@ -6,7 +6,8 @@ use glam::{Mat3, Quat, Vec3};
 use poselight::num::cpu::Isa;
 use poselight::num::random::Stream;
 use poselight::shade::{
-    Brdf, GlobalReflector, Reflector, ShLight, ShadedPoints, ZonalLight, factor,
+    Brdf, Colours, Factoring, GlobalReflector, Reflector, ShLight, ShadedPoints, ZonalLight,
+    factor_by,
 };
 use rayon::prelude::*;
 
@@ -52,9 +53,16 @@ pub(crate) fn shading() {
     let colours = [0.9, 0.6, 0.3];
     let gold = Brdf::Ggx { normal_reflectance: colours, alpha: [0.5; 2] };
     let lambert = Brdf::Lambert { albedo: colours };
-    let all = [brdfs()[2], ("GGX in three colours", gold), ("Lambert in three colours", lambert)];
-    for (name, brdf) in all {
-        let operators = factor(&brdf, n, 48).unwrap().map(|colour| colour.operator(8));
+    let (together, apart) = (Colours::Together, Colours::Apart);
+    let all = [
+        (brdfs()[2].0, brdfs()[2].1, together),
+        ("GGX in three colours", gold, together),
+        ("GGX in three colours, apart", gold, apart),
+        ("Lambert in three colours", lambert, together),
+    ];
+    for (name, brdf, colours) in all {
+        let factored = factor_by(&brdf, n, 48, Factoring { colours, ..Factoring::default() });
+        let operators = factored.unwrap().map(|colour| colour.operator(8));
         let reflector = Reflector::new(name, &operators, [0.0; 3]);
         let shade = |((to_local, view), v): (&Point, &[f32])| {
             let mut light = [[0.0; 16]; 3];

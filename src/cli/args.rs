@@ -8,7 +8,7 @@ pub(crate) use super::bake_args::BakeFlags;
 pub(crate) use super::fit_args::{FitCommandArgs, FitFlags, LimitFlags};
 use super::light_args::LIGHT_HELP;
 pub(crate) use super::subdivide_args::RefineFlag;
-use crate::pipeline::recipe::{ParametrisationName, Recipe};
+use crate::pipeline::recipe::{ParametrisationName, PoseChoiceName, Recipe};
 
 /// The recipe's names for the values of flags.
 macro_rules! names {
@@ -146,6 +146,20 @@ pub(crate) struct PoseFlags {
     /// Bake no more training poses than this, those that lie farthest apart [default: all].
     #[arg(long, value_name = "N")]
     most_poses: Option<u32>,
+    /// What --most-poses chooses by [default: distance].
+    #[arg(long, value_enum)]
+    choose_poses: Option<PoseChoiceArg>,
+    /// Bake so many poses more, mixed of limbs of different frames of a clip [default: 0].
+    #[arg(long, value_name = "N")]
+    mixed_poses: Option<u32>,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(super) enum PoseChoiceArg {
+    /// The pose farthest from those chosen before.
+    Distance,
+    /// The pose that a model of those is predicted to be most wrong at.
+    PredictedError,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -315,6 +329,8 @@ pub(crate) struct TradeoffArgs {
     #[arg(long, value_name = "TEXT")]
     pub(crate) only: Vec<String>,
     #[command(flatten)]
+    pub(crate) effort: super::effort_args::EffortFlags,
+    #[command(flatten)]
     pub(crate) measure: MeasureFlags,
 }
 
@@ -339,6 +355,8 @@ impl PoseFlags {
         set(&mut poses.interpolated_every, self.interpolated_every);
         set(&mut poses.near_repeat, self.near_repeat);
         poses.most = self.most_poses.or(poses.most);
+        set(&mut poses.choice, self.choose_poses);
+        set(&mut poses.mixed, self.mixed_poses);
         set(&mut poses.parametrisation, self.parametrisation);
     }
 }
@@ -368,4 +386,5 @@ impl MeasureFlags {
 
 names! {
     ParametrisationArg => ParametrisationName { JointAngles, Handles, Dihedral }
+    PoseChoiceArg => PoseChoiceName { Distance, PredictedError }
 }

@@ -17,7 +17,8 @@ pub(crate) struct FitFlags {
     /// Pose dimensions of pca-linear and multilinear [default: 8, or as many as there are].
     #[arg(long, value_name = "N")]
     inputs: Option<u32>,
-    /// Output dimensions of pca-linear [default: 22, or as many as there are].
+    /// Output dimensions of pca-linear, and of what occluder leaves [default: 22, or as many as there are; of
+    /// occluder at least as many as there are coefficients].
     #[arg(long, value_name = "N")]
     outputs: Option<u32>,
     /// Instead of --inputs: keep this share of the pose variance.
@@ -56,6 +57,10 @@ pub(crate) struct FitFlags {
     /// the sum of spheres: quicker, less accurate [default: 0 for ao, else 256].
     #[arg(long, value_name = "N")]
     directions: Option<u32>,
+    /// For linear: hold the weights of joints to 0 that are farther than this from what they would matter
+    /// to, as a share of the mesh's size [default: let every joint matter everywhere].
+    #[arg(long, value_name = "SHARE")]
+    local: Option<f64>,
     /// Draw poses that are farther than this from the training poses, in typical distances of
     /// those, towards their mean [default: take them as they are].
     #[arg(long, value_name = "DISTANCE")]
@@ -85,7 +90,7 @@ pub(crate) struct FitFlags {
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
-enum FamilyArg {
+pub(crate) enum FamilyArg {
     Mean,
     Linear,
     PcaLinear,
@@ -100,6 +105,7 @@ enum FamilyArg {
 enum FrameArg {
     Root,
     Bone,
+    Tangent,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -230,6 +236,7 @@ impl FitFlags {
             ("--unshadowed", self.unshadowed.is_some()),
             ("--spheres", self.spheres.is_some()),
             ("--directions", self.directions.is_some()),
+            ("--local", self.local.is_some()),
             ("--groups", self.groups.is_some()),
             ("--neurons", self.neurons.is_some()),
             ("--frame", self.frame.is_some()),
@@ -261,6 +268,7 @@ impl FitFlags {
         fit.reach = self.reach.or(fit.reach);
         fit.include_rest |= self.include_rest;
         fit.unshadowed = self.unshadowed.or(fit.unshadowed);
+        fit.local = self.local.or(fit.local);
         fit.spheres = self.spheres.or(fit.spheres);
         fit.directions = self.directions.or(fit.directions);
         fit.groups = self.groups.or(fit.groups);
@@ -280,7 +288,7 @@ impl FitFlags {
 
 names! {
     FamilyArg => FamilyName { Mean, Linear, PcaLinear, Multilinear, Occluder, ClusteredLinear, ClusteredQuadratic, ClusteredTanh }
-    FrameArg => FrameName { Root, Bone }
+    FrameArg => FrameName { Root, Bone, Tangent }
     RidgeArg => RidgeName { LeaveOneOut, LeaveOneClipOut, Fixed }
     OnArg => OnName { Novel, Trained }
     PrecisionArg => PrecisionName { F32, F16, I8 }

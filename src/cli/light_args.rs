@@ -54,6 +54,14 @@ pub(crate) enum CosineArg {
     Matrix,
 }
 
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum ColoursArg {
+    /// By factors of the light that all share: a third of the bytes and of the time.
+    Together,
+    /// By its own each.
+    Apart,
+}
+
 #[derive(Debug, Args)]
 pub(crate) struct BrdfArgs {
     /// `lambert:ALBEDO` (one or three), `phong:DIFFUSE,SPECULAR,EXPONENT`, `ggx:F0,ALPHA` with a
@@ -70,6 +78,9 @@ pub(crate) struct BrdfArgs {
     /// Where the cosine goes.
     #[arg(long, value_enum, default_value_t = CosineArg::Inside)]
     pub(crate) cosine: CosineArg,
+    /// How colours that reflect differently are factored.
+    #[arg(long, value_enum, default_value_t = ColoursArg::Together)]
+    pub(crate) colours: ColoursArg,
     /// Also state the error of every number of terms at every order.
     #[arg(long)]
     pub(crate) curve: bool,

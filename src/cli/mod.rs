@@ -9,6 +9,7 @@ mod bake_args;
 mod check_args;
 mod commands;
 mod crowd_args;
+mod effort_args;
 mod files;
 mod fit_args;
 mod heights_args;

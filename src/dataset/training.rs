@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::Quat;
 
-use super::{Dataset, Error};
+use super::{Dataset, Error, Movement};
 
 /// Points that are read at once where only some are wanted.
 const BLOCK: usize = 1024;
@@ -17,8 +17,7 @@ const BLOCK: usize = 1024;
 #[derive(Debug)]
 pub struct Training<'a> {
     parts: TrainingParts,
-    /// Of each point the nodes that move it and their shares.
-    skin: Option<Vec<Vec<(u32, f32)>>>,
+    movement: Option<Movement>,
     source: Source<'a>,
     stop: Option<&'a AtomicBool>,
 }
@@ -71,14 +70,14 @@ impl Training<'static> {
         assert_eq!(parts.bone_rotations.len(), poses * parts.bones, "bone rotations");
         assert_eq!(parts.point_bones.len(), parts.points, "bones of points");
         assert_eq!(parts.values.len(), poses * parts.points * row, "values");
-        Self { parts, skin: None, source: Source::Memory, stop: None }
+        Self { parts, movement: None, source: Source::Memory, stop: None }
     }
 }
 
 impl<'a> Training<'a> {
     /// The training poses `poses` of `dataset`; `parts.values` is empty.
     pub(super) fn stored(dataset: &'a Dataset, poses: Vec<usize>, parts: TrainingParts) -> Self {
-        Self { parts, skin: None, source: Source::Stored { dataset, poses }, stop: None }
+        Self { parts, movement: None, source: Source::Stored { dataset, poses }, stop: None }
     }
 
     /// The same poses in other parameters, `[pose, parameter]`, not centred.
@@ -117,7 +116,7 @@ impl<'a> Training<'a> {
                 Source::Stored { dataset, poses: rows(&poses, keep, 1) }
             }
         };
-        Self { parts, skin: self.skin, source, stop: self.stop }
+        Self { parts, movement: self.movement, source, stop: self.stop }
     }
 
     /// Only the first coefficients of every channel: the lower bands of the harmonics.
@@ -184,21 +183,21 @@ impl<'a> Training<'a> {
         })
     }
 
-    /// With the skin weights of every point: pairs of a node and its share.
+    /// With how every point moves.
     ///
     /// # Panics
-    /// If there is not one list per point.
+    /// If it is that of another number of points.
     #[must_use]
-    pub fn with_skin(mut self, skin: Vec<Vec<(u32, f32)>>) -> Self {
-        assert_eq!(skin.len(), self.points(), "skin weights");
-        self.skin = Some(skin);
+    pub fn moving(mut self, movement: Movement) -> Self {
+        assert_eq!(movement.points(), self.points(), "points that move");
+        self.movement = Some(movement);
         self
     }
 
-    /// The skin weights of every point, where they are known.
+    /// How every point moves, where that is known.
     #[must_use]
-    pub fn skin(&self) -> Option<&[Vec<(u32, f32)>]> {
-        self.skin.as_deref()
+    pub fn movement(&self) -> Option<&Movement> {
+        self.movement.as_ref()
     }
 
     /// Number of training poses.

@@ -1,6 +1,8 @@
 //! Families `clustered-linear`, `-quadratic` and `-tanh` (RPO09 §5): for every cluster of points
 //! the principal components of its outputs, and a small map from the reduced pose to these.
 
+use std::borrow::Cow;
+
 use rayon::prelude::*;
 
 use super::design::Design;
@@ -14,7 +16,7 @@ use super::shared::Outputs;
 use super::source::Source;
 use super::still::set_aside;
 use super::{Error, FitReport, Fitted, On, Settings, Shared};
-use crate::dataset::Training;
+use crate::dataset::{Movement, Training};
 use crate::model::{Cluster, Clustered, Decoder, Form};
 use crate::num::linalg::{Mat, MatRef, product, rows_of, rows_of_mut};
 
@@ -66,8 +68,8 @@ pub(super) fn fit(
         let available = source.points();
         return Err(Error::Clusters { what: "clusters of points", asked, available });
     }
-    let labels =
-        shared.labels(sizes.clusters, || mean_shift::clusters(&skin(training), sizes.clusters))?;
+    let labels = shared
+        .labels(sizes.clusters, || mean_shift::clusters(&movement(training), sizes.clusters))?;
     clock.lap("point_clusters_s");
     let most = shared.largest().map_or(sizes.outputs, |largest| largest.cluster_outputs);
     let all = shared.parts((Outputs::of(settings), sizes.clusters), || {
@@ -120,10 +122,13 @@ fn inputs(design: &Design, kept: Kept) -> Result<usize, Error> {
     }
 }
 
-/// Skin weights, or where there are none each point wholly on its bone.
-fn skin(training: &Training<'_>) -> Vec<Vec<(u32, f32)>> {
+/// How points move, or where that is not known each wholly with its bone.
+fn movement<'a>(training: &'a Training<'_>) -> Cow<'a, Movement> {
     let rigid = || training.point_bones().iter().map(|&bone| vec![(u32::from(bone), 1.0)]);
-    training.skin().map_or_else(|| rigid().collect(), <[_]>::to_vec)
+    match training.movement() {
+        Some(movement) => Cow::Borrowed(movement),
+        None => Cow::Owned(Movement::Weights(rigid().collect())),
+    }
 }
 
 /// The map of one cluster.

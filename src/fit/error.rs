@@ -99,10 +99,10 @@ pub enum Error {
         /// The value.
         found: f64,
     },
-    /// A coefficient count that is no square cannot be turned with a bone.
+    /// A coefficient count that is no square cannot be turned.
     #[error(
         "the data have {found} coefficients, which are no spherical harmonics of order 1 to 10 \
-         and cannot be turned into bone frames; fit in the root frame"
+         and cannot be turned into other frames; fit in the root frame"
     )]
     Harmonics {
         /// Coefficients per channel.
@@ -121,10 +121,17 @@ pub enum Error {
         /// The quaternion (x, y, z, w).
         found: [f32; 4],
     },
-    /// Occluders, or data without their unshadowed part, for a fit that does not know the mesh.
+    /// Something that goes by bones in the tangent frame.
+    #[error("{what} go by the frames of bones; fit them in the bone frame")]
+    NotInTangentFrame {
+        /// Such as `occluders`.
+        what: &'static str,
+    },
+    /// Occluders, data without their unshadowed part, or the tangent frame, for a fit that does not
+    /// know the mesh.
     #[error(
-        "a fit with occluders, or of what occlusion takes away, needs the posed mesh of every \
-         training pose"
+        "a fit with occluders, of what occlusion takes away, or in the tangent frame needs the \
+         posed mesh of every training pose"
     )]
     NeedsGeometry,
     /// A factorisation failed.

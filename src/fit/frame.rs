@@ -32,10 +32,7 @@ impl<'a> BoneFrame<'a> {
         if found == 1 {
             return Ok(None);
         }
-        let bands = found.isqrt();
-        let order = u8::try_from(bands).ok().and_then(|bands| Order::new(bands).ok());
-        let order = order.filter(|order| order.coefficients() == found);
-        let order = order.ok_or(Error::Harmonics { found })?;
+        let order = order_of(training)?;
         let (rotations, bones) = (training.bone_rotations(), training.bones());
         let broken = |q: &Quat| !(q.is_finite() && q.length_squared() > 0.0);
         if let Some(at) = rotations.iter().position(broken) {
@@ -99,6 +96,13 @@ impl<'a> BoneFrame<'a> {
         }
         groups
     }
+}
+
+/// The order of the harmonics that the data are.
+pub(super) fn order_of(training: &Training<'_>) -> Result<Order, Error> {
+    let found = training.coefficients();
+    let order = u8::try_from(found.isqrt()).ok().and_then(|bands| Order::new(bands).ok());
+    order.filter(|order| order.coefficients() == found).ok_or(Error::Harmonics { found })
 }
 
 /// Numbers in the matrices of all bands below the `bands`-th, Σ (2l+1)².

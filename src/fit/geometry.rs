@@ -5,7 +5,7 @@ use std::ops::Range;
 use glam::{Affine3A, Quat, Vec3};
 
 use crate::model::Signal;
-use crate::rig::{Bones, Deformed, Mesh, Points, Pose, RigidFrame, Skeleton, deform};
+use crate::rig::{Bones, Deformed, Mesh, Points, Pose, RigidFrame, Skeleton, Tangents, deform};
 use crate::sh::Order;
 
 /// The rigged mesh and the training poses, in the order of [`crate::dataset::Training`].
@@ -23,6 +23,10 @@ pub struct Geometry<'a> {
     pub signal: Signal,
     /// Bands of the data; not looked at for `ao`.
     pub order: Order,
+    /// The joint that each pose parameter belongs to; `None` of those that belong to none.
+    pub columns: Vec<Option<usize>>,
+    /// Tangents of the mesh's vertices, which a fit in the tangent frame needs.
+    pub tangents: Option<&'a Tangents>,
     /// Every training pose with its root frame.
     pub poses: Vec<(&'a Pose, RigidFrame)>,
 }
@@ -34,6 +38,8 @@ pub(super) struct Moved {
     pub(super) first: usize,
     pub(super) positions: Vec<Vec3>,
     pub(super) normals: Vec<Vec3>,
+    /// Empty where the geometry has none.
+    pub(super) tangents: Vec<Vec3>,
 }
 
 impl Geometry<'_> {
@@ -60,12 +66,18 @@ impl Geometry<'_> {
 
     fn moved_vertices(&self, vertices: &[u32]) -> Moved {
         let mesh = self.mesh.subset(vertices);
+        let tangents = self.tangents.map(|tangents| tangents.subset(vertices));
         let (mut moved, mut out) = (Moved::default(), Deformed::default());
+        let mut turned = Vec::new();
         for (pose, root) in &self.poses {
             let globals: Vec<Affine3A> = self.skeleton.globals(&pose.local);
             deform(&mesh, &globals, &pose.weights, *root, &mut out);
             moved.positions.extend_from_slice(&out.positions);
             moved.normals.extend_from_slice(&out.normals);
+            if let Some(tangents) = &tangents {
+                tangents.pose(&mesh, &globals, *root, &out.normals, &mut turned);
+                moved.tangents.extend_from_slice(&turned);
+            }
         }
         moved
     }

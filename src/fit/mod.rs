@@ -23,6 +23,7 @@ mod mean;
 mod mean_shift;
 mod moments;
 mod multilinear;
+mod nearby;
 mod neurons;
 mod noise;
 mod occluder;
@@ -38,6 +39,7 @@ mod source;
 mod sphere_set;
 mod still;
 mod tall_qr;
+mod tangent_frame;
 
 pub use clustered::{ClusteredSizes, Kept};
 pub use error::Error;
@@ -123,6 +125,9 @@ pub struct Settings {
     /// Directions in which the union of what are then ellipsoids is looked at, a multiple of 16; 0,
     /// the default, for the sum of what spheres block.
     pub directions: usize,
+    /// For [`Family::Linear`], how far a joint may be from what it matters to, as a share of the mesh's size: a
+    /// prior that falls by e over it; none by default. Needs the posed mesh.
+    pub local: Option<f64>,
     /// Seed of the randomised decomposition, 1 by default.
     pub seed: u64,
     /// Steps of an optimiser that has no closed form (`tanh`), at most; 1000 by default.
@@ -140,9 +145,19 @@ impl Default for Settings {
             spheres: None,
             groups: 12,
             directions: 0,
+            local: None,
             seed: 1,
             steps: 1000,
         }
+    }
+}
+
+impl Settings {
+    /// Whether the fit looks at the posed mesh.
+    #[must_use]
+    pub fn looks_at_mesh(&self) -> bool {
+        let learns = self.unshadowed || self.spheres.is_some() || self.local.is_some();
+        learns || self.frame == Frame::Tangent
     }
 }
 
@@ -204,7 +219,11 @@ pub fn fit_shared(
 ) -> Result<Fitted, Error> {
     check(settings)?;
     let mut clock = Clock::start();
-    let mut source = Source::new(training, settings.frame)?;
+    if let Some(geometry) = geometry {
+        assert_eq!(geometry.poses.len(), training.poses(), "poses of the geometry");
+        assert_eq!(geometry.points.count(), training.points(), "points of the geometry");
+    }
+    let mut source = Source::new(training, settings.frame, geometry)?;
     if settings.on == On::Trained {
         source.keep_noise();
     }
@@ -223,7 +242,13 @@ pub fn fit_shared(
     let regression = ridge::Regression::with_folds(design, folds, settings);
     let mut fitted = match settings.family {
         Family::Mean => mean::fit(&source, design, &mut clock)?,
-        Family::Linear => linear::fit(&source, &regression, &mut clock)?,
+        Family::Linear => match settings.local {
+            None => linear::fit(&source, &regression, &mut clock)?,
+            Some(share) => {
+                let geometry = geometry.ok_or(Error::NeedsGeometry)?;
+                nearby::fit(training, design, geometry, (share, settings), &mut clock)?
+            }
+        },
         Family::PcaLinear { inputs, outputs } => {
             let sizes = pca_linear::Sizes::Exactly { inputs, outputs };
             pca_linear::fit(&source, &regression, sizes, (settings, shared), &mut clock)?
@@ -260,8 +285,6 @@ fn explain<'a>(
         return Ok(None);
     }
     let geometry = geometry.ok_or(Error::NeedsGeometry)?;
-    assert_eq!(geometry.poses.len(), training.poses(), "poses of the geometry");
-    assert_eq!(geometry.points.count(), training.points(), "points of the geometry");
     let turns = training.bone_rotations();
     let explained = occluder::Explained::new(geometry, settings, turns);
     source.explain(explained);
@@ -293,6 +316,16 @@ fn check(settings: &Settings) -> Result<(), Error> {
         && !(found.is_finite() && found >= 0.0)
     {
         return Err(Error::Alpha { found });
+    }
+    if settings.frame == Frame::Tangent {
+        for (what, is_asked) in [
+            ("occluders", settings.spheres.is_some()),
+            ("priors on joints", settings.local.is_some()),
+        ] {
+            if is_asked {
+                return Err(Error::NotInTangentFrame { what });
+            }
+        }
     }
     if let Family::PcaRetaining { inputs, outputs } = settings.family {
         for (what, found) in [("pose variance", inputs), ("output energy", outputs)] {

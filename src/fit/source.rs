@@ -6,7 +6,9 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::frame::{self, BoneFrame};
+use super::geometry::Geometry;
 use super::occluder::{Explained, Placed};
+use super::tangent_frame::TangentFrame;
 use super::{Error, Frame};
 use crate::dataset::Training;
 
@@ -30,12 +32,20 @@ const MOST_KEPT: usize = 1 << 26;
 #[derive(Debug)]
 pub(super) struct Source<'a> {
     training: &'a Training<'a>,
-    frame: Option<BoneFrame<'a>>,
+    frame: Axes<'a>,
     explained: Option<Explained<'a>>,
     kept: Option<Arc<Rest>>,
     block_points: usize,
     in_flight: usize,
     keeps_noise: bool,
+}
+
+/// The axes of the coefficients, where they are not the data's own.
+#[derive(Debug)]
+enum Axes<'a> {
+    Root,
+    Bone(BoneFrame<'a>),
+    Tangent(TangentFrame<'a>),
 }
 
 /// What is left of the data without what is explained: the values of every block.
@@ -53,7 +63,11 @@ pub(super) struct Block {
 }
 
 impl<'a> Source<'a> {
-    pub(super) fn new(training: &'a Training<'a>, frame: Frame) -> Result<Self, Error> {
+    pub(super) fn new(
+        training: &'a Training<'a>,
+        frame: Frame,
+        geometry: Option<&'a Geometry<'a>>,
+    ) -> Result<Self, Error> {
         let sizes = [
             ("poses", training.poses()),
             ("points", training.points()),
@@ -63,8 +77,15 @@ impl<'a> Source<'a> {
             return Err(Error::Empty { what });
         }
         let frame = match frame {
-            Frame::Root => None,
-            Frame::Bone => BoneFrame::new(training)?,
+            Frame::Root => Axes::Root,
+            Frame::Bone => BoneFrame::new(training)?.map_or(Axes::Root, Axes::Bone),
+            // Scalars have no direction.
+            Frame::Tangent if training.coefficients() == 1 => Axes::Root,
+            Frame::Tangent => {
+                let geometry = geometry.filter(|g| g.tangents.is_some());
+                let geometry = geometry.ok_or(Error::NeedsGeometry)?;
+                Axes::Tangent(TangentFrame::new(frame::order_of(training)?, geometry))
+            }
         };
         let numbers = training.poses() * training.channels() * training.coefficients();
         let few = training.points().div_ceil(LEAST_BLOCKS).max(LEAST_BLOCK_POINTS);
@@ -186,8 +207,12 @@ impl<'a> Source<'a> {
         block.values.resize(self.poses() * points.len() * self.width(), 0.0);
         self.training.read_points(points.clone(), &mut block.values)?;
         self.check(block)?;
-        if let Some(frame) = &self.frame {
-            frame.turn(points.start, &mut block.values, points.len(), &mut block.scratch);
+        match &self.frame {
+            Axes::Root => {}
+            Axes::Bone(frame) => {
+                frame.turn(points.start, &mut block.values, points.len(), &mut block.scratch);
+            }
+            Axes::Tangent(frame) => frame.turn(points.clone(), &mut block.values),
         }
         if let Some(explained) = &self.explained {
             explained.remove(points, &mut block.values);

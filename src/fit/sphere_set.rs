@@ -32,6 +32,8 @@ pub fn sphere_set(skeleton: &Skeleton, mesh: &Mesh, count: usize) -> Result<Sphe
         bones: &bones,
         signal: Signal::Visibility,
         order,
+        columns: Vec::new(),
+        tangents: None,
         poses: Vec::new(),
     };
     let spheres = cut_among(&geometry, count, Proxy::Sphere, CLOUD)?;

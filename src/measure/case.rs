@@ -91,6 +91,8 @@ pub struct Settings {
     /// Seconds between frames of a clip. Two poses of one clip at most 1.5 times this apart, fed
     /// one after the other, are consecutive frames for the flicker. 1/30 by default of the recipe.
     pub frame_s: f32,
+    /// Whether the model is for the clips that it was trained on, so that the headline is of these.
+    pub on_trained: bool,
     /// Rays per point of one reference, to be stated; `None` where unknown.
     pub reference_rays: Option<u32>,
 }

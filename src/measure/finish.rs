@@ -29,7 +29,9 @@ impl Measurement {
 
 fn figures(measurement: &Measurement) -> Measured {
     let settings = &measurement.settings;
-    let headline = TELLING.into_iter().find(|s| measurement.groups.contains_key(s));
+    let telling = if settings.on_trained { &TELLING[2..] } else { &TELLING[..] };
+    let mut telling = telling.iter().chain(&TELLING).copied();
+    let headline = telling.find(|split| measurement.groups.contains_key(split));
     let lights = match settings.signal {
         Signal::Transfer => lights(),
         Signal::Ao | Signal::Visibility => &[],

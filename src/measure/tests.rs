@@ -27,6 +27,7 @@ fn settings(signal: Signal, bands: u8, points: usize) -> Settings {
         parts: Vec::new(),
         candidates: vec![candidate("model", Kind::Model)],
         frame_s: 0.1,
+        on_trained: false,
         reference_rays: Some(4000),
     }
 }
@@ -282,6 +283,25 @@ fn precision_and_baseline_stand_beside_the_model() {
     assert_eq!((model.added, mean.added), (None, None));
     let rms = |c: &CandidateMeasured| c.coefficients.rms.unwrap();
     assert!((rms(model) - 0.01).abs() < 1e-3 && (rms(mean) - 0.7).abs() < 0.05);
+}
+
+/// The headline is of the most demanding motion that was measured; of a model for the trained clips it is of
+/// what lies between their frames, or of these, as long as there is any such motion.
+#[test]
+fn the_headline_is_of_the_motion_that_counts() {
+    let headline = |on_trained, splits: &[Split]| {
+        let settings = Settings { on_trained, ..settings(Signal::Ao, 1, 1) };
+        let mut measurement = Measurement::new(settings).unwrap();
+        for (pose, &split) in splits.iter().enumerate() {
+            let (references, candidates) = ([&[0.5_f32][..], &[0.5][..]], &[&[0.4_f32][..]][..]);
+            feed(&mut measurement, &Shot { pose, clip: "", split, references, candidates });
+        }
+        measurement.finish().headline.unwrap()
+    };
+    let all = [Split::Training, Split::Novel, Split::Interpolated];
+    assert_eq!((headline(false, &all), headline(true, &all)), (Split::Novel, Split::Interpolated));
+    assert_eq!(headline(true, &all[..2]), Split::Training);
+    assert_eq!(headline(true, &[Split::WithinClip]), Split::WithinClip);
 }
 
 /// Nothing measured, one pose and one vertex all end in a document without NaN or infinity that

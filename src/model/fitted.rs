@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::distance::Subspace;
+use super::evaluate::check_length;
 use super::header::{check_index, field, limits, within};
 use super::occluder::Seen;
 use super::occluder::sky::Sky;
@@ -11,7 +12,7 @@ use super::{
     Decoder, Error, Frame, Header, OccluderSizes, Occluders, Shape, Signal, clustered, multilinear,
 };
 use crate::num::panels::{Groups, Panels};
-use crate::rig::Mesh;
+use crate::rig::{Mesh, Tangents};
 
 /// A fitted model: pose parameters in, the signal at every point out.
 ///
@@ -24,11 +25,15 @@ pub struct Model {
     pub(super) rig: Rig,
     pub(super) subspace: Subspace,
     pub(super) point_of_vertex: Vec<u32>,
-    /// Empty in the root frame.
+    /// Empty but in the bone frame.
     pub(super) bone_of_point: Vec<u16>,
     pub(super) occluding: Option<Arc<Occluding>>,
     /// One vertex per point.
     pub(super) rest: Option<Arc<Mesh>>,
+    /// Of the points at rest, in the scene's frame; empty but in the tangent frame.
+    pub(super) tangents: Arc<Vec<[i8; 3]>>,
+    /// The same as the rest mesh carries them.
+    pub(super) carried: Option<Arc<Tangents>>,
 }
 
 /// Occluders and their layout for evaluation.
@@ -90,7 +95,7 @@ impl Model {
     /// A model from its parts.
     ///
     /// `point_of_vertex` has one entry per vertex; `bone_of_point` one per point in the bone
-    /// frame, and is not kept in the root frame. `header.training.directions` belongs to families
+    /// frame, and is not kept in another one. `header.training.directions` belongs to families
     /// without a projection only.
     ///
     /// # Errors
@@ -128,16 +133,40 @@ impl Model {
             bone_of_point,
             occluding: None,
             rest: None,
+            tangents: Arc::default(),
+            carried: None,
         })
+    }
+
+    /// The same model with the tangents of its points at rest, in the scene's frame, of which
+    /// [`tangents_to_bytes`](crate::rig::tangents_to_bytes) makes bytes: a model of the tangent frame
+    /// has one for each point.
+    ///
+    /// # Errors
+    /// [`Error::Length`]; a model of another frame.
+    pub fn with_tangents(mut self, tangents: Vec<[i8; 3]>) -> Result<Self, Error> {
+        if !self.turns_with_tangents() {
+            return Err(field("frame", "only a model of the tangent frame has tangents"));
+        }
+        check_length("tangents", tangents.len(), self.shape.points)?;
+        self.tangents = Arc::new(tangents);
+        self.carry_tangents();
+        Ok(self)
+    }
+
+    /// The tangents of the points at rest, in the scene's frame; empty but in the tangent frame.
+    #[must_use]
+    pub fn tangents(&self) -> &[[i8; 3]] {
+        &self.tangents
     }
 
     /// The same model with occluders, whose part is added to what its decoder gives.
     ///
     /// # Errors
-    /// Lengths, indices and numbers that do not fit the model; a model of the root frame, which
-    /// does not know its points' bones.
+    /// Lengths, indices and numbers that do not fit the model; a model of another frame than the
+    /// bone frame, which does not know its points' bones.
     pub fn with_occluders(mut self, occluders: Occluders) -> Result<Self, Error> {
-        if self.header.frame == Frame::Root {
+        if self.header.frame != Frame::Bone {
             return Err(field("frame", "occluders need the points' bones, so the bone frame"));
         }
         let groups = occluders.check(self.shape.points, self.header.rig.bones.len())?;
@@ -215,7 +244,7 @@ impl Model {
             && self.point_of_vertex.iter().enumerate().all(|(i, &point)| point as usize == i)
     }
 
-    /// Which bone's frame each point's coefficients are in; empty in the root frame.
+    /// Which bone's frame each point's coefficients are in; empty in another frame.
     #[must_use]
     pub fn bone_of_point(&self) -> &[u16] {
         &self.bone_of_point
@@ -255,12 +284,16 @@ fn unpack(panels: &Panels, rows: usize, columns: usize) -> Vec<f32> {
     (0..rows).flat_map(|row| (0..columns).map(move |j| panels.at(row, j))).collect()
 }
 
-/// Both maps within their ranges; the bones only where the frame needs them.
+/// A frame that the signal has; both maps within their ranges, the bones only where the frame needs
+/// them.
 fn check_maps(
     header: &Header,
     point_of_vertex: &[u32],
     bone_of_point: Vec<u16>,
 ) -> Result<Vec<u16>, Error> {
+    if header.signal == Signal::Ao && header.frame == Frame::Tangent {
+        return Err(field("frame", "ambient occlusion has no direction to turn with tangents"));
+    }
     let (points, vertices) = (header.mesh.points as usize, header.mesh.vertices as usize);
     if point_of_vertex.len() != vertices {
         let (what, found) = ("point_of_vertex".to_owned(), point_of_vertex.len());
@@ -271,7 +304,7 @@ fn check_maps(
             check_index(&format!("point of vertex {vertex}"), point, points)?;
         }
     }
-    if header.frame == Frame::Root {
+    if header.frame != Frame::Bone {
         return Ok(Vec::new());
     }
     if bone_of_point.len() != points {

@@ -236,6 +236,9 @@ impl Model {
         if self.header.signal == Signal::Visibility {
             return Err(Error::CannotFold { signal: self.header.signal });
         }
+        if self.turns_with_tangents() {
+            return Err(Error::NeedsSurface { what: "a light on a model of the tangent frame" });
+        }
         if self.needs_surface() {
             return Err(Error::NeedsSurface { what: "a light on this model" });
         }

@@ -1,9 +1,10 @@
-//! Between the bone frame and the root frame.
+//! From a model's own frame to the root frame.
 
 use glam::Quat;
 
 use super::evaluate::check_length;
-use super::{Error, Frame, Model, Signal};
+use super::{Error, Frame, Model, Signal, Surface};
+use crate::rig::to_tangent_frame;
 use crate::sh::{MAX_COEFFICIENTS, Rotation};
 
 impl Model {
@@ -13,7 +14,9 @@ impl Model {
     /// to `ao`, which has no direction.
     ///
     /// # Errors
-    /// [`Error::Length`], [`Error::OutOfRange`] points, [`Error::NoRotation`] naming the bone.
+    /// [`Error::Length`], [`Error::OutOfRange`] points, [`Error::NoRotation`] naming the bone,
+    /// [`Error::NeedsSurface`] of a model of the tangent frame, which
+    /// [`evaluate_posed`](Self::evaluate_posed) turns.
     pub fn to_root_frame(
         &self,
         bone_rotations: &[Quat],
@@ -22,6 +25,9 @@ impl Model {
     ) -> Result<(), Error> {
         let count = self.check_points(points)?;
         check_length("coefficients", coefficients.len(), count * self.shape.width)?;
+        if self.turns_with_tangents() {
+            return Err(Error::NeedsSurface { what: "turning from the tangent frame" });
+        }
         if !self.turns_with_bones() {
             return Ok(());
         }
@@ -40,6 +46,29 @@ impl Model {
             }
         }
         Ok(())
+    }
+
+    /// Rotates coefficients of all points from the tangent frame to the root frame.
+    pub(super) fn tangent_to_root(&self, surface: Surface<'_>, coefficients: &mut [f32]) {
+        let mut rotation = Rotation::identity(self.header.sh_order());
+        let per_channel = self.header.coefficients();
+        let mut turned = [0.0; MAX_COEFFICIENTS];
+        let frames = surface.normals.iter().zip(surface.tangents);
+        for (row, (&normal, &tangent)) in
+            coefficients.chunks_exact_mut(self.shape.width).zip(frames)
+        {
+            rotation.set(to_tangent_frame(normal, tangent).conjugate());
+            for channel in row.chunks_exact_mut(per_channel) {
+                rotation.apply(channel, &mut turned);
+                channel.copy_from_slice(&turned[..per_channel]);
+            }
+        }
+    }
+
+    /// Whether the coefficients' axes turn with the tangents.
+    #[must_use]
+    pub fn turns_with_tangents(&self) -> bool {
+        self.header.frame == Frame::Tangent
     }
 
     /// Whether the coefficients' axes turn with the bones.

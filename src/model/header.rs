@@ -97,6 +97,8 @@ named! {
         Root = "root",
         /// The frame of each point's dominant bone: the root frame's axes, turned with the bone.
         Bone = "bone",
+        /// The tangent frame of each point: +Z its posed normal, +X its posed tangent.
+        Tangent = "tangent",
     }
 }
 

@@ -43,7 +43,7 @@ pub use header::{
 pub use multilinear::Multilinear;
 pub use occluder::{OccluderSizes, Occluders, Surface};
 pub use pose::{JointPose, JointTransform};
-pub use posed::{PosedInput, unshadowed};
+pub use posed::{PosedInput, PosedPoints, unshadowed};
 pub use rest::RestSizes;
 pub use rig_header::{
     ColumnHeader, NodeHeader, RigHeader, RootMotionHeader, SourceHeader, WeightHeader,

@@ -7,6 +7,25 @@ use super::fitted::Occluding;
 use super::{Error, Model, Signal, Surface};
 use crate::sh::{Order, zonal};
 
+/// The points of a posed mesh, root frame.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PosedPoints {
+    /// Metres.
+    pub positions: Vec<Vec3>,
+    /// Unit shading normals.
+    pub normals: Vec<Vec3>,
+    /// Unit tangents; empty where nobody asks for them.
+    pub tangents: Vec<Vec3>,
+}
+
+impl PosedPoints {
+    /// As a model takes them.
+    #[must_use]
+    pub fn as_surface(&self) -> Surface<'_> {
+        Surface { positions: &self.positions, normals: &self.normals, tangents: &self.tangents }
+    }
+}
+
 /// A pose as [`Model::evaluate_posed`] takes it.
 #[derive(Debug, Clone, Copy)]
 pub struct PosedInput<'a> {
@@ -22,7 +41,13 @@ impl Model {
     /// Whether evaluation looks at the posed mesh.
     #[must_use]
     pub fn needs_surface(&self) -> bool {
-        self.header.unshadowed || self.occluding.is_some()
+        !self.decodes_alone() || self.turns_with_tangents()
+    }
+
+    /// Whether parameters alone give the whole signal, in the model's own frame.
+    #[must_use]
+    pub fn decodes_alone(&self) -> bool {
+        !self.header.unshadowed && self.occluding.is_none()
     }
 
     /// The signal of all points in the root frame, `[point, channel, coefficient]`: the decoder's
@@ -58,7 +83,11 @@ impl Model {
             // Its directions are fixed in the frame of each bone, as in the fit.
             seen.subtract_union(occluders, surface, turns, sky, out);
         }
-        self.to_root_frame(turns, None, out)?;
+        if self.turns_with_tangents() {
+            self.tangent_to_root(surface, out);
+        } else {
+            self.to_root_frame(turns, None, out)?;
+        }
         if self.header.unshadowed {
             add_unshadowed(kind, surface.normals, out);
         }
@@ -86,7 +115,11 @@ impl Model {
     }
 
     fn check_surface(&self, surface: Surface<'_>) -> Result<(), Error> {
-        for (what, vectors) in [("positions", surface.positions), ("normals", surface.normals)] {
+        let mut all = vec![("positions", surface.positions), ("normals", surface.normals)];
+        if self.turns_with_tangents() {
+            all.push(("tangents", surface.tangents));
+        }
+        for (what, vectors) in all {
             check_length(what, vectors.len(), self.shape.points)?;
             if let Some(index) = vectors.iter().position(|vector| !vector.is_finite()) {
                 return Err(Error::NotFinite { what: what.to_owned(), index });

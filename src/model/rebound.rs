@@ -37,6 +37,9 @@ impl Model {
         if let Some(occluders) = self.occluders() {
             model = model.with_occluders(occluders.clone())?;
         }
+        if self.turns_with_tangents() {
+            model = model.with_tangents(self.tangents().to_vec())?;
+        }
         if let Some(rest) = self.rest() {
             let mut deformers = rest.deformers.clone();
             for deformer in &mut deformers {

@@ -11,8 +11,10 @@ use glam::{Affine3A, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::header::{check_finite, check_index, field, within};
-use super::{Error, Model, limits};
-use crate::rig::{Deformed, Deformer, Influence, Mesh, MorphTarget, Pose, deform};
+use super::{Error, Model, PosedPoints, limits};
+use crate::rig::{
+    Deformed, Deformer, Influence, Mesh, MorphTarget, Pose, Tangents, deform, tangents_from_bytes,
+};
 
 /// How much a rest mesh has of what moves it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -59,7 +61,16 @@ impl Model {
         check(&mesh, (self.shape.points, self.rig.skeleton.nodes.len(), weights))?;
         self.header.rest = Some(RestSizes::of(&mesh));
         self.rest = Some(Arc::new(mesh));
+        self.carry_tangents();
         Ok(self)
+    }
+
+    /// Brings the tangents into the rest mesh's own space, where the model has both.
+    pub(super) fn carry_tangents(&mut self) {
+        let carried = |mesh: &Arc<Mesh>| {
+            Arc::new(Tangents::of(&self.rig.skeleton, mesh, &tangents_from_bytes(&self.tangents)))
+        };
+        self.carried = self.rest.as_ref().filter(|_| !self.tangents.is_empty()).map(carried);
     }
 
     /// The points at rest, where the model carries them.
@@ -73,13 +84,18 @@ impl Model {
     ///
     /// # Errors
     /// As [`Model::parameters_of_pose`].
-    pub fn surface_of(&self, pose: &Pose) -> Result<Option<Deformed>, Error> {
+    pub fn surface_of(&self, pose: &Pose) -> Result<Option<PosedPoints>, Error> {
         let Some(mesh) = &self.rest else { return Ok(None) };
         let root = self.root_frame_of(pose)?;
         let globals = self.rig.skeleton.globals(&pose.local);
         let mut out = Deformed::default();
         deform(mesh, &globals, &pose.weights, root, &mut out);
-        Ok(Some(out))
+        let Deformed { positions, normals } = out;
+        let mut tangents = Vec::new();
+        if let Some(carried) = &self.carried {
+            carried.pose(mesh, &globals, root, &normals, &mut tangents);
+        }
+        Ok(Some(PosedPoints { positions, normals, tangents }))
     }
 }
 

@@ -155,6 +155,22 @@ pub enum SourceHeader {
     },
 }
 
+impl SourceHeader {
+    /// The node that it is of, by its index into `nodes`.
+    #[must_use]
+    pub fn node(&self) -> Option<u32> {
+        match *self {
+            Self::Rotation { node, .. }
+            | Self::Translation { node, .. }
+            | Self::Scale { node, .. }
+            | Self::Point { node, .. }
+            | Self::Tilt { node, .. }
+            | Self::Height { node, .. } => Some(node),
+            Self::Weight { .. } | Self::Dihedral { .. } => None,
+        }
+    }
+}
+
 impl RigHeader {
     pub(super) fn check(&self) -> Result<(), Error> {
         within("rig nodes", self.nodes.len() as u64, limits::NODES)?;

@@ -197,15 +197,27 @@ pub(super) fn model(family: Family, signal: Signal, frame: Frame, channels: u8) 
     let header = header(family, signal, frame, channels);
     let decoder = decoder(&header);
     let (point_of_vertex, bone_of_point) = maps();
-    Model::new(header, decoder, point_of_vertex, bone_of_point).expect("a valid model")
+    let model = Model::new(header, decoder, point_of_vertex, bone_of_point).expect("a valid model");
+    match frame {
+        Frame::Root | Frame::Bone => model,
+        Frame::Tangent => model.with_tangents(tangents()).expect("one for each point"),
+    }
 }
 
-/// One model of every family, signal and frame, with one channel and with three.
+/// Of the points at rest.
+fn tangents() -> Vec<[i8; 3]> {
+    let vectors = numbers(66, POINTS * 3);
+    vectors.as_chunks().0.iter().map(|v| v.map(|x: f32| (100.0 * x) as i8)).collect()
+}
+
+/// One model of every family, signal and frame that it has, with one channel and with three.
 pub(super) fn all() -> Vec<Model> {
     let mut models = Vec::new();
     for &family in Family::ALL {
         for &signal in Signal::ALL {
-            for &frame in Frame::ALL {
+            for &frame in
+                Frame::ALL.iter().filter(|f| signal != Signal::Ao || **f != Frame::Tangent)
+            {
                 for channels in [1, 3] {
                     models.push(model(family, signal, frame, channels));
                 }

@@ -1,6 +1,7 @@
 //! Raw recipe → checked recipe: only settings that passed here run.
 
 mod bake_fields;
+mod frame;
 mod light;
 mod target;
 
@@ -11,8 +12,8 @@ use target::{checked_choice, checked_reference};
 
 use super::recipe::{
     DEFAULT_CLUSTER_RETAINED, DEFAULT_DIRECTIONS, DEFAULT_GROUPS, DEFAULT_INPUTS, DEFAULT_OUTPUTS,
-    DEFAULT_POSE_CLUSTERS, DEFAULT_RETAINED, DEFAULT_SPHERES, FamilyName, FitRecipe, FrameName,
-    OnName, ParametrisationName, PosesRecipe, PrecisionName, Recipe, RidgeName, VERSION,
+    DEFAULT_POSE_CLUSTERS, DEFAULT_RETAINED, DEFAULT_SPHERES, FamilyName, FitRecipe, OnName,
+    ParametrisationName, PoseChoiceName, PosesRecipe, PrecisionName, Recipe, RidgeName, VERSION,
 };
 use super::rounds::Noises;
 use super::subdivide;
@@ -77,6 +78,7 @@ impl Checked {
         subdivide::checked(recipe)?;
         checked_choice(recipe)?;
         light::checked_light(recipe)?;
+        frame::checked_normals(recipe)?;
         Ok(Self {
             poses: checked_poses(&recipe.poses)?,
             bake: checked_bake(&recipe.bake)?,
@@ -99,6 +101,8 @@ fn checked_poses(poses: &PosesRecipe) -> Result<pose::Settings, RecipeError> {
     if let Some(most) = poses.most {
         require((1..=200_000).contains(&most), "poses.most", most, "it must be 1 to 200,000")?;
     }
+    let mixed = poses.mixed;
+    require(mixed <= 200_000, "poses.mixed", mixed, "it must be 0 to 200,000")?;
     Ok(pose::Settings {
         clips: poses.clips.clone(),
         hold_out: poses.hold_out.clone(),
@@ -106,6 +110,11 @@ fn checked_poses(poses: &PosesRecipe) -> Result<pose::Settings, RecipeError> {
         interpolated_every: every,
         near_repeat: near,
         most: poses.most.map(|most| most as usize),
+        choice: match poses.choice {
+            PoseChoiceName::Distance => pose::PoseChoice::Distance,
+            PoseChoiceName::PredictedError => pose::PoseChoice::PredictedError,
+        },
+        mixed: mixed as usize,
         parametrisation: match poses.parametrisation {
             ParametrisationName::JointAngles => ParametrisationKind::JointAngles,
             ParametrisationName::Handles => ParametrisationKind::Handles,
@@ -151,10 +160,7 @@ fn checked_fit(fit: &FitRecipe, on: OnName) -> Result<fit::Settings, RecipeError
             return Err(error("fit.alpha", "absent", "a fixed ridge needs it"));
         }
     };
-    let frame = match fit.frame {
-        FrameName::Root => model::Frame::Root,
-        FrameName::Bone => model::Frame::Bone,
-    };
+    let frame = frame::checked_frame(fit)?;
     let on = match on {
         OnName::Novel => fit::On::Novel,
         OnName::Trained => fit::On::Trained,
@@ -179,10 +185,21 @@ fn checked_fit(fit: &FitRecipe, on: OnName) -> Result<fit::Settings, RecipeError
         spheres,
         groups,
         directions,
+        local: local(fit)?,
         seed,
         steps,
     };
     Ok(settings)
+}
+
+/// How far a joint may be from what it matters to.
+fn local(fit: &FitRecipe) -> Result<Option<f64>, RecipeError> {
+    let Some(share) = fit.local else { return Ok(None) };
+    let expected = "it must be above 0 and at most 100";
+    require(share > 0.0 && share <= 100.0, "fit.local", share, expected)?;
+    let expected = "a model of what occlusion takes away goes without it";
+    require(fit.unshadowed != Some(true), "fit.local", share, expected)?;
+    Ok(Some(share))
 }
 
 /// Whether the unshadowed part is left out, and how many spheres explain the rest.
@@ -314,6 +331,15 @@ mod tests {
     #[test]
     fn the_default_recipe_is_sound() {
         Checked::new(&Recipe::default()).expect("sound");
+    }
+
+    /// So do those of mixed poses and of a prior on joints, which does not go with everything.
+    #[test]
+    fn bounds_of_options() {
+        assert_eq!(fault(|r| r.poses.mixed = 200_001), "poses.mixed");
+        assert_eq!(fault(|r| r.fit.local = Some(0.0)), "fit.local");
+        let both = |r: &mut Recipe| (r.fit.local, r.fit.unshadowed) = (Some(0.1), Some(true));
+        assert_eq!(fault(both), "fit.local");
     }
 
     /// Every bound refuses what lies just outside it, by the field's name.

@@ -70,7 +70,8 @@ pub fn choose(
     // The judge sees what is stored, not what was fitted.
     let mut model = Model::from_bytes(&found.fitted.model.to_bytes(found.precision)?)?;
     let note = trimmed.as_ref().map(Trimmed::story);
-    let (mut figures, page) = examine_noting(&mut model, dataset, (&found.recipe, note), watch)?;
+    let (mut figures, page) =
+        examine_noting(&mut model, dataset, (&found.recipe, recipe.target.on, note), watch)?;
     let confirmed = meets_target(&figures.measured, Checked::new(&found.recipe)?.reference);
     let blob = model.to_bytes(found.precision)?;
     let met = found.met && confirmed;

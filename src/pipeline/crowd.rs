@@ -8,7 +8,7 @@ use glam::{Affine3A, Quat, Vec3};
 use rayon::prelude::*;
 
 use super::evaluate::Query;
-use super::gloss::{Gloss, upright};
+use super::gloss::{Gloss, GlossPoints, upright};
 use super::still::StillError;
 use crate::fit::sphere_set;
 use crate::model::Model;
@@ -39,6 +39,9 @@ pub struct CrowdPicture {
     pub vertex_us: f64,
 }
 
+/// Vertices of one piece of work.
+const BLOCK: usize = 1024;
+
 /// One character, or the floor.
 #[derive(Default)]
 struct Body {
@@ -61,6 +64,8 @@ pub fn crowd(
     settings: &Crowd<'_>,
 ) -> Result<CrowdPicture, StillError> {
     check(settings)?;
+    let valued = super::valued(model, scene)?;
+    let scene = valued.scene.as_ref();
     let order = model.header().sh_order();
     let light = settings.light.resized(order);
     let operators = factor(&settings.material, order, settings.material.nodes())?;
@@ -230,10 +235,15 @@ fn upper_half(order: Order) -> [f32; MAX_COEFFICIENTS] {
 fn colours(bodies: &[Body], visibility: &[Vec<f32>], gloss: &Gloss, eye: Vec3) -> Vec<f32> {
     let of_body = |(body, values): (&Body, &Vec<f32>)| -> Vec<f32> {
         let count = values.len() / body.mesh.positions.len().max(1);
-        let places = body.mesh.positions.par_iter().zip(&body.mesh.normals);
-        let rows = values.par_chunks_exact(count.max(1)).zip(places);
-        rows.flat_map_iter(|(v, (&at, &normal))| gloss.shade(v, [at, eye], upright(normal)))
-            .collect()
+        let to_local: Vec<Quat> = body.mesh.normals.iter().copied().map(upright).collect();
+        let blocks = values.par_chunks(BLOCK * count.max(1));
+        let places = body.mesh.positions.par_chunks(BLOCK).zip(to_local.par_chunks(BLOCK));
+        let shade = |(visibility, (positions, to_local))| {
+            gloss
+                .shade(GlossPoints { visibility, is_local: false, positions, to_local, eye })
+                .into_flattened()
+        };
+        blocks.zip(places).flat_map_iter(shade).collect()
     };
     bodies.iter().zip(visibility).flat_map(of_body).collect()
 }

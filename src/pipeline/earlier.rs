@@ -8,7 +8,9 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use super::recipe::surroundings::GroundRecipe;
-use super::recipe::{BakeRecipe, MOST_RAYS_TO_NOISE, Recipe};
+use super::recipe::{
+    BakeRecipe, MOST_RAYS_TO_NOISE, ParametrisationName, PoseChoiceName, PosesRecipe, Recipe,
+};
 use super::rounds::{self, Weights};
 use super::{Error, Job, difference, job_of, recipe_of};
 use crate::bake::BakedPose;
@@ -22,6 +24,8 @@ pub(super) struct Earlier {
     poses: HashMap<(String, u32), usize>,
     /// Rounds that its poses have, the first included.
     pub(super) rounds: usize,
+    /// Whether its mixed poses are the job's.
+    mixes_alike: bool,
 }
 
 impl Earlier {
@@ -52,12 +56,16 @@ impl Earlier {
         if !dataset.is_complete() {
             return Err(refuse("it is not complete; continue it first".into()));
         }
-        Ok(Self { dataset, poses, rounds })
+        let mixes_alike = mixes_alike(&recipe.poses, &job.recipe.poses);
+        Ok(Self { dataset, poses, rounds, mixes_alike })
     }
 
     /// The pose's number in the earlier data set.
     pub(super) fn find(&self, job: &Job, pose: usize) -> Option<usize> {
         let sample = &job.poses.samples[pose];
+        if sample.mixed && !self.mixes_alike {
+            return None;
+        }
         let name = job.poses.clip_names.get(sample.clip).cloned().unwrap_or_default();
         self.poses.get(&(name, sample.time_s.to_bits())).copied()
     }
@@ -86,6 +94,18 @@ impl Earlier {
             "rounds_taken": self.rounds,
         })
     }
+}
+
+/// Whether mixed poses of the same date are the same poses: they depend on all frames that there are.
+fn mixes_alike(earlier: &PosesRecipe, now: &PosesRecipe) -> bool {
+    // How many of them are baked, and what numbers they become, are no matter.
+    let of = |poses: &PosesRecipe| PosesRecipe {
+        most: None,
+        choice: PoseChoiceName::Distance,
+        parametrisation: ParametrisationName::JointAngles,
+        ..poses.clone()
+    };
+    of(earlier) == of(now)
 }
 
 /// Turns a recipe that states a noise into one that goes on from an earlier data set: its first round

@@ -224,3 +224,22 @@ fn the_height_of_the_ground_counts() {
     let again = studio.bake("again", Some("denser"), &on(1.0, GroundRecipe::Lowest)).unwrap();
     assert_eq!((again.rays, studio.bits("again")), (0, studio.bits("first")));
 }
+
+/// Mixed poses of the same date are other poses where other frames were there to mix, and are baked anew; where
+/// only their number that is baked differs they are taken.
+#[test]
+fn mixes_are_not_mistaken() {
+    let studio = Studio::new();
+    let mut few = recipe(3.0, &[]);
+    few.poses.mixed = 4;
+    let mut coarse = few.clone();
+    coarse.poses.rate_hz = 2.0;
+    studio.bake("coarse", None, &coarse).unwrap();
+    studio.bake("whole", None, &few).unwrap();
+    studio.bake("from", Some("coarse"), &few).unwrap();
+    assert_eq!(studio.bits("from"), studio.bits("whole"));
+    let mut least = few.clone();
+    least.poses.most = Some(3);
+    let taken = studio.bake("least", Some("whole"), &least).unwrap();
+    assert_eq!(taken.rays, 0);
+}

@@ -8,8 +8,8 @@ use std::fmt::Display;
 
 use super::RecipeError;
 use super::recipe::{
-    BakeRecipe, ChooseName, FamilyName, FitRecipe, OnName, Recipe, RidgeName, SignalName,
-    TargetRecipe,
+    BakeRecipe, ChooseName, FamilyName, FitRecipe, FrameName, OnName, Recipe, RidgeName,
+    SignalName, TargetRecipe,
 };
 
 /// Refuses settings without effect in a job that bakes and fits as the recipe says.
@@ -35,10 +35,11 @@ pub fn effective_fit(fit: &FitRecipe, on: OnName) -> Result<(), RecipeError> {
         }
     }
     shares(fit)?;
-    if fit.include_rest && !fit.unshadowed.unwrap_or(fit.family == Occluder) {
+    let looks = fit.unshadowed.unwrap_or(fit.family == Occluder) || fit.frame == FrameName::Tangent;
+    if fit.include_rest && !looks {
         let (field, found) = ("fit.include_rest", "true".to_owned());
-        let expected =
-            "only a model of the family occluder, or an unshadowed one, looks at the mesh";
+        let expected = "only a model of the family occluder, an unshadowed one, or one in the tangent frame \
+             looks at the mesh";
         return Err(RecipeError { field, found, expected });
     }
     regularisation(fit, on)
@@ -107,6 +108,7 @@ fn stated(fit: &FitRecipe) -> impl Iterator<Item = Stated> {
         one("fit.spheres", text(fit.spheres), &[Occluder], |f| f.spheres = None),
         one("fit.groups", text(fit.groups), &[Occluder], |f| f.groups = None),
         one("fit.directions", text(fit.directions), &[Occluder], |f| f.directions = None),
+        one("fit.local", share(fit.local), &[Linear], |f| f.local = None),
         one("fit.alpha", share(fit.alpha), RIDGES, |f| {
             (f.alpha, f.ridge) = (None, FitRecipe::default().ridge);
         }),
@@ -223,6 +225,8 @@ mod tests {
             (Some("fit.inputs"), None)
         });
         let rest = |f: &mut FitRecipe| f.include_rest = true;
+        let turned = |f: &mut FitRecipe| (f.include_rest, f.frame) = (true, FrameName::Tangent);
+        assert_eq!(family(Linear, turned), None);
         assert_eq!((family(Occluder, rest), family(Linear, rest)), {
             (None, Some("fit.include_rest"))
         });

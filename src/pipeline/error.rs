@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use super::{MapError, RecipeError};
+use crate::shade::MerlError;
 use crate::{bake, dataset, fit, measure, model, pose, scene};
 
 impl From<fit::Error> for Error {
@@ -74,6 +75,18 @@ pub enum Error {
     /// No candidate could be fitted to the data.
     #[error("none of the candidates has sizes that these data allow; bake more poses")]
     NothingToChoose,
+    /// An effort that is more than the data set's own, or none.
+    #[error(
+        "{wrong} {what} cannot be tried: the data set has {own}, and less is tried from 1 up to that"
+    )]
+    Effort {
+        /// Such as `training poses`.
+        what: &'static str,
+        /// What was asked for.
+        wrong: u32,
+        /// What there is.
+        own: u32,
+    },
     /// A file that could not be read or written.
     #[error("could not {action} {path}: {source}", path = path.display())]
     File {
@@ -83,6 +96,14 @@ pub enum Error {
         path: PathBuf,
         /// Why.
         source: std::io::Error,
+    },
+    /// A measured reflectance that is none.
+    #[error("reflectance `{file}`: {source}")]
+    Reflectance {
+        /// Its name.
+        file: String,
+        /// What is wrong with it.
+        source: MerlError,
     },
     /// A JSON document that does not hold what it should.
     #[error("{what}: {source}")]

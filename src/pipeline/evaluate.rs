@@ -1,9 +1,11 @@
 //! A model at poses: from clips, joint rotations or parameters to coefficients or shading by vertex.
 
 use super::evaluate_posed::surface;
-use crate::model::{self, Distance, Folded, Frame, JointPose, Model, PosedInput, Signal, Surface};
+use crate::model::{
+    self, Distance, Folded, Frame, JointPose, Model, PosedInput, PosedPoints, Signal,
+};
 use crate::pose;
-use crate::rig::{Deformed, Pose, RigidFrame};
+use crate::rig::{Pose, RigidFrame};
 use crate::scene::{Clip, Scene};
 
 fn known_clips(known: &[String]) -> String {
@@ -63,7 +65,7 @@ pub enum EvaluateError {
     )]
     NeedsJoints(usize),
     /// Coefficients in the frames of bones cannot meet a light.
-    #[error("the model is in the bone frame: a light needs poses, not parameters")]
+    #[error("the model is in the frame of bones or tangents: a light needs poses, not parameters")]
     NeedsPose,
     /// Visibility has no shading.
     #[error("a model of `visibility` has no shading; `transfer` and `ao` fold a light")]
@@ -109,13 +111,13 @@ pub enum EvaluateError {
 }
 
 /// One pose as the model takes it.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Query {
     pub(super) parameters: Vec<f32>,
     /// Absent where only parameters are known: the values then stay in the model's frame.
     pub(super) pose: Option<Pose>,
     /// Where the model looks at the posed mesh: its points in the root frame.
-    pub(super) surface: Option<Deformed>,
+    pub(super) surface: Option<PosedPoints>,
 }
 
 impl Query {
@@ -124,7 +126,7 @@ impl Query {
     /// # Errors
     /// [`EvaluateError::NeedsScene`]; a wrong number of parameters.
     pub fn from_parameters(model: &Model, parameters: &[f32]) -> Result<Self, EvaluateError> {
-        if model.needs_surface() {
+        if !model.decodes_alone() {
             return Err(EvaluateError::NeedsScene);
         }
         model.distance(parameters)?;
@@ -277,10 +279,7 @@ impl Query {
             let outside = model.bound(&mut out);
             return Ok((out, outside));
         };
-        let surface = self
-            .surface
-            .as_ref()
-            .map(|points| Surface { positions: &points.positions, normals: &points.normals });
+        let surface = self.surface.as_ref().map(PosedPoints::as_surface);
         let input = PosedInput {
             parameters: &self.parameters,
             bone_rotations: &model.bone_rotations_of(pose)?,
@@ -295,7 +294,7 @@ impl Query {
 pub(super) fn parameters(
     model: &Model,
     pose: &Pose,
-    surface: Option<&Deformed>,
+    surface: Option<&PosedPoints>,
 ) -> Result<Vec<f32>, EvaluateError> {
     let positions = surface.map_or(&[][..], |surface| &surface.positions);
     Ok(model.parameters_of_posed(pose, positions)?)

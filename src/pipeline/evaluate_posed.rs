@@ -1,11 +1,14 @@
 //! Poses in other forms: joints of a model that looks at the posed mesh, with the scene beside them,
 //! and meshes that are given by their vertices.
 
-use glam::Vec3;
+use std::borrow::Cow;
+
+use glam::{Affine3A, Vec3};
 
 use super::evaluate::{EvaluateError, Query, node_order, parameters};
-use crate::model::{JointPose, Model, SourceHeader};
-use crate::rig::{self, Deformed, Facets, Pose};
+use super::valued;
+use crate::model::{JointPose, Model, PosedPoints, SourceHeader};
+use crate::rig::{self, Deformed, Facets, Pose, RigidFrame, Tangents};
 use crate::scene::Scene;
 
 impl Query {
@@ -54,10 +57,7 @@ impl Query {
     ) -> Result<Self, EvaluateError> {
         check_positions(model, positions)?;
         let pose = model.pose_of(&JointPose::default())?;
-        let (found, expected) = (scene.mesh.positions.len(), positions.len() / 3);
-        if found != expected {
-            return Err(EvaluateError::Vertices { found, expected });
-        }
+        let scene = &*own(model, scene)?;
         let rest = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
         let globals = scene.skeleton.globals(&rest.local);
         let root = model.root_frame_of(&pose)?;
@@ -69,7 +69,8 @@ impl Query {
             *place = to_root.transform_point3(Vec3::from_slice(given));
         }
         facets.apply(&scene.mesh.triangles, &mut posed);
-        let surface = model.looks_at_mesh().then(|| of_points(model, &posed)).transpose()?;
+        let points = || of_points((model, scene), (&globals, root), &posed);
+        let surface = model.looks_at_mesh().then(points).transpose()?;
         let parameters = parameters(model, &pose, surface.as_ref())?;
         Ok(Self { parameters, surface, pose: Some(pose) })
     }
@@ -113,23 +114,51 @@ pub(super) fn surface(
     scene: &Scene,
     of_scene: &Pose,
     pose: &Pose,
-) -> Result<Deformed, EvaluateError> {
+) -> Result<PosedPoints, EvaluateError> {
+    let scene = &*own(model, scene)?;
     let globals = scene.skeleton.globals(&of_scene.local);
     let mut deformed = Deformed::default();
     let root = model.root_frame_of(pose)?;
     rig::deform(&scene.mesh, &globals, &of_scene.weights, root, &mut deformed);
-    of_points(model, &deformed)
+    of_points((model, scene), (&globals, root), &deformed)
+}
+
+/// The scene without what only blocks: as many vertices as the model has.
+fn own<'a>(model: &Model, scene: &'a Scene) -> Result<Cow<'a, Scene>, EvaluateError> {
+    let expected = model.header().mesh.vertices as usize;
+    if scene.mesh.positions.len() == expected {
+        return Ok(Cow::Borrowed(scene));
+    }
+    let valued = valued(model, scene)?;
+    match valued.receivers {
+        0 => Ok(valued.scene),
+        receivers => Err(EvaluateError::Vertices { found: expected - receivers, expected }),
+    }
 }
 
 /// What each of the model's points has, from the vertices that it stands for.
-fn of_points(model: &Model, deformed: &Deformed) -> Result<Deformed, EvaluateError> {
+fn of_points(
+    (model, scene): (&Model, &Scene),
+    (globals, root): (&[Affine3A], RigidFrame),
+    deformed: &Deformed,
+) -> Result<PosedPoints, EvaluateError> {
     let (found, expected) = (deformed.positions.len(), model.header().mesh.vertices as usize);
     if found != expected {
         return Err(EvaluateError::Vertices { found, expected });
     }
-    Ok(Deformed {
+    let mut tangents = Vec::new();
+    if model.turns_with_tangents() {
+        let of_points = rig::tangents_from_bytes(model.tangents());
+        let points = model.point_of_vertex().iter();
+        let at_rest: Vec<Vec3> = points.map(|&point| of_points[point as usize]).collect();
+        let carried = Tangents::of(&scene.skeleton, &scene.mesh, &at_rest);
+        carried.pose(&scene.mesh, globals, root, &deformed.normals, &mut tangents);
+        tangents = places(model, tangents.into_iter());
+    }
+    Ok(PosedPoints {
         positions: places(model, deformed.positions.iter().copied()),
         normals: places(model, deformed.normals.iter().copied()),
+        tangents,
     })
 }
 

@@ -12,7 +12,8 @@ use super::{Checked, Error, Hashes, Job, Progress, Stage, Watch, encoding};
 use crate::dataset::{Dataset, Training};
 use crate::fit::{self, FitReport, Fitted};
 use crate::model::{
-    self, FORMAT_VERSION, Frame, Header, MeshIdentity, Model, PartRange, Provenance, RigHeader,
+    self, ColumnHeader, FORMAT_VERSION, Frame, Header, MeshIdentity, Model, PartRange, Provenance,
+    RigHeader,
 };
 use crate::sh::Order;
 
@@ -100,9 +101,8 @@ pub(super) fn fit_part(
     let (checked, settings) = settings_for(dataset, recipe)?;
     let start = Instant::now();
     let (training, rig) = encoding::training(dataset, recipe, left_out)?;
-    let job = (settings.unshadowed || settings.spheres.is_some()).then(|| dataset.job());
-    let job = job.transpose()?;
-    let mut geometry = job.as_deref().map(|job| geometry(job, left_out));
+    let job = settings.looks_at_mesh().then(|| dataset.job()).transpose()?;
+    let mut geometry = job.as_deref().map(|job| geometry(job, (&rig, &settings), left_out));
     let training = match keep {
         Some(keep) => training.only(keep),
         None => training,
@@ -125,6 +125,7 @@ pub(super) fn fit_part(
         bone_of_point: mesh.bone_of_point.clone(),
         point_of_vertex: mesh.point_of_vertex.clone(),
         is_part: false,
+        job: job.as_deref(),
     };
     let report = fitted.report.clone();
     let model = assemble(dataset, recipe, (&checked, settings), fitted, assembled)?;
@@ -169,22 +170,28 @@ pub(super) fn settings_for(
         settings.directions = recipe.fit.directions.map_or(0, |_| settings.directions);
     }
     if settings.spheres.is_some() && settings.family == fit::Family::Mean && !is_ao {
-        // A mean of every coefficient would be larger than all the rest.
+        // As many outputs hold what occluders always leave at a point in full, as a mean would, and some of
+        // what they leave from pose to pose.
+        let bands =
+            order_kept(dataset, recipe).map_or(dataset.header().attributes.order, Order::get);
+        let outputs = DEFAULT_OUTPUTS.max(u32::from(bands).pow(2));
         settings.family = fit::Family::PcaLinear {
             inputs: DEFAULT_INPUTS as usize,
-            outputs: recipe.fit.outputs.unwrap_or(DEFAULT_OUTPUTS) as usize,
+            outputs: recipe.fit.outputs.unwrap_or(outputs) as usize,
         };
     }
     Ok((checked, settings))
 }
 
 /// The mesh that a fit's numbers belong to.
-pub(super) struct Assembled {
+pub(super) struct Assembled<'a> {
     pub(super) rig: RigHeader,
     pub(super) bone_of_point: Vec<u16>,
     pub(super) point_of_vertex: Vec<u32>,
     /// Whether these are only some of the scene's points.
     pub(super) is_part: bool,
+    /// Has the tangents of a model in their frame.
+    pub(super) job: Option<&'a Job>,
 }
 
 /// A model of what a fit found.
@@ -193,7 +200,7 @@ pub(super) fn assemble(
     recipe: &Recipe,
     (checked, settings): (&Checked, fit::Settings),
     fitted: Fitted,
-    mesh: Assembled,
+    mesh: Assembled<'_>,
 ) -> Result<Model, Error> {
     let Fitted { decoder, training, occluders, .. } = fitted;
     let kind = (decoder.family(), settings.frame);
@@ -206,6 +213,12 @@ pub(super) fn assemble(
         header.mesh.points = mesh.bone_of_point.len() as u32;
     }
     let model = Model::new(header, decoder, mesh.point_of_vertex, mesh.bone_of_point)?;
+    let model = match mesh.job {
+        Some(job) if model.turns_with_tangents() => {
+            model.with_tangents(job.tangents_of_points())?
+        }
+        _ => model,
+    };
     Ok(match occluders {
         Some(occluders) => model.with_occluders(occluders)?,
         None => model,
@@ -263,8 +276,16 @@ fn give_way(
     Ok(())
 }
 
-/// The job's mesh at its training poses.
-pub(super) fn geometry<'a>(job: &'a Job, left_out: &[i32]) -> fit::Geometry<'a> {
+/// The job's mesh at its training poses, and the joints of a rig's parameters.
+pub(super) fn geometry<'a>(
+    job: &'a Job,
+    (rig, settings): (&RigHeader, &fit::Settings),
+    left_out: &[i32],
+) -> fit::Geometry<'a> {
+    let joint = |column: &ColumnHeader| {
+        let node = rig.nodes.get(column.source.node()? as usize)?;
+        job.scene.skeleton.find(&node.name)
+    };
     let training =
         job.poses.samples.iter().filter(|sample| encoding::is_training(sample, left_out));
     fit::Geometry {
@@ -274,6 +295,8 @@ pub(super) fn geometry<'a>(job: &'a Job, left_out: &[i32]) -> fit::Geometry<'a> 
         mesh: &job.scene.mesh,
         points: &job.poses.points,
         bones: &job.poses.bones,
+        columns: rig.columns.iter().map(joint).collect(),
+        tangents: (settings.frame == Frame::Tangent).then(|| job.tangents()),
         poses: training.map(|sample| (&sample.pose, sample.root)).collect(),
     }
 }

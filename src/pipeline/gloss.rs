@@ -1,14 +1,17 @@
 //! Reflection towards an eye: a model of visibility, a light and a reflectance as radiance by vertex.
 
+use std::sync::Arc;
+
 use glam::{Mat3, Quat, Vec3};
 
 use super::evaluate::{EvaluateError, Query, spread};
 use super::evaluate_posed::{of_scene, places, surface};
 use crate::model::{Model, Signal};
+use crate::num::cpu::Isa;
 use crate::rig::to_tangent_frame;
 use crate::scene::Scene;
-use crate::sh::{MAX_COEFFICIENTS, Rotation};
-use crate::shade::{Reflector, ShLight, ZonalLight};
+use crate::sh::Rotation;
+use crate::shade::{Reflector, ShLight, ShadedPoints, ZonalLight};
 
 /// Terms of an operator where nobody says how many: 8.5 KB at order 4.
 pub const GLOSS_TERMS: usize = 8;
@@ -21,7 +24,7 @@ pub const GLOSS_LOBES: usize = 8;
 #[derive(Debug, Clone)]
 pub struct Gloss {
     lobes: ZonalLight,
-    reflector: Reflector,
+    reflector: Arc<Reflector>,
 }
 
 impl Gloss {
@@ -51,7 +54,7 @@ impl Gloss {
     #[must_use]
     pub fn of(light: &ShLight, reflector: Reflector, lobes: usize) -> Self {
         let lobes = ZonalLight::fit(&light.resized(reflector.order()), lobes);
-        Self { lobes, reflector }
+        Self { lobes, reflector: Arc::new(reflector) }
     }
 
     /// The share of the light's energy that the lobes leave out.
@@ -64,23 +67,61 @@ impl Gloss {
     #[must_use]
     pub fn turned(&self, rotation: Quat) -> Self {
         let lobes = self.lobes.rotated(rotation.as_dquat());
-        Self { lobes, reflector: self.reflector.clone() }
+        Self { lobes, reflector: Arc::clone(&self.reflector) }
     }
 
-    /// Radiance towards an eye at a place, three colours, by the rotation into the place's tangent frame:
-    /// visibility is turned into it, the light arrives there as lobes. All in one frame.
+    /// Radiance towards an eye at points: many at once, their visibility turned into their tangent
+    /// frames, where the light arrives as lobes.
     ///
     /// # Panics
-    /// If there are fewer than n² numbers of visibility.
-    #[must_use]
-    pub fn shade(&self, visibility: &[f32], [at, eye]: [Vec3; 2], to_local: Quat) -> [f32; 3] {
-        let (mut local, mut light) = ([0.0; MAX_COEFFICIENTS], [[0.0; MAX_COEFFICIENTS]; 3]);
-        Rotation::new(self.reflector.order(), to_local).apply(visibility, &mut local);
-        let [r, g, b] = &mut light;
-        self.lobes.in_frame(Mat3::from_quat(to_local), [r, g, b]);
-        let outgoing = to_local * (eye - at).normalize_or_zero();
-        self.reflector.shade(&local, [&light[0], &light[1], &light[2]], outgoing)
+    /// If the lengths do not agree.
+    pub(super) fn shade(&self, points: GlossPoints<'_>) -> Vec<[f32; 3]> {
+        let order = self.reflector.order();
+        let count = order.coefficients();
+        let GlossPoints { visibility, is_local, positions, to_local, eye } = points;
+        let mut rotation = Rotation::identity(order);
+        let mut out = vec![[0.0; 3]; positions.len()];
+        let mut turned = vec![0.0; BLOCK.min(out.len()) * count];
+        let (mut frames, mut outgoing) = (Vec::new(), Vec::new());
+        let blocks = out.chunks_mut(BLOCK).zip(visibility.chunks(BLOCK * count));
+        for ((out, own), at) in blocks.zip((0..).step_by(BLOCK)) {
+            let range = at..at + out.len();
+            let turns = &to_local[range.clone()];
+            let turned = &mut turned[..own.len()];
+            if !is_local {
+                let rows = turned.chunks_exact_mut(count).zip(own.chunks_exact(count));
+                for ((turned, own), turn) in rows.zip(turns) {
+                    rotation.set(*turn);
+                    rotation.apply(own, turned);
+                }
+            }
+            let visibility = if is_local { own } else { &*turned };
+            frames.clear();
+            frames.extend(turns.iter().map(|turn| Mat3::from_quat(*turn)));
+            outgoing.clear();
+            let towards = |(at, turn): (&Vec3, &Quat)| *turn * (eye - *at).normalize_or_zero();
+            outgoing.extend(positions[range].iter().zip(turns).map(towards));
+            let points = ShadedPoints { to_local: &frames, outgoing: &outgoing, visibility };
+            self.reflector.shade_points(Isa::best(), &self.lobes, points, out);
+        }
+        out
     }
+}
+
+/// Points whose visibility is turned and shaded together.
+const BLOCK: usize = 512;
+
+/// Points to be shaded, all in one frame.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct GlossPoints<'a> {
+    /// `[point][coefficient]`
+    pub(super) visibility: &'a [f32],
+    /// Whether visibility is in the tangent frames already.
+    pub(super) is_local: bool,
+    pub(super) positions: &'a [Vec3],
+    /// Into the tangent frame of each.
+    pub(super) to_local: &'a [Quat],
+    pub(super) eye: Vec3,
 }
 
 /// The shortest rotation that takes a normal to +Z.
@@ -108,6 +149,14 @@ impl Query {
         if self.surface.is_none() { Err(EvaluateError::NeedsMesh) } else { Ok(self) }
     }
 
+    /// `[point, coefficient]` in the model's own frame.
+    fn local_coefficients(&self, model: &Model) -> Result<Vec<f32>, EvaluateError> {
+        let header = model.header();
+        let mut out = vec![0.0; header.mesh.points as usize * header.width()];
+        model.evaluate(&self.parameters, None, &mut out)?;
+        Ok(out)
+    }
+
     /// Appends the radiance towards an eye at the listed vertices, or at all: `[vertex, 3]`. The eye is
     /// in the root frame, metres, and so are the unit tangents of all vertices, without which the
     /// reflectance has no grain. The query must be [`Query::posed`].
@@ -122,15 +171,27 @@ impl Query {
         out: &mut Vec<f32>,
     ) -> Result<(), EvaluateError> {
         let mesh = self.surface.as_ref().ok_or(EvaluateError::NeedsMesh)?;
-        let (visibility, _) = self.coefficients(model)?;
-        let rows = visibility.chunks_exact(model.header().width());
         let tangents = tangents.map(|tangents| places(model, tangents.iter().copied()));
-        let frame = |point: usize| match &tangents {
-            Some(tangents) => to_tangent_frame(mesh.normals[point], tangents[point]),
-            None => upright(mesh.normals[point]),
+        let with = |tangents: &[Vec3]| -> Vec<Quat> {
+            let frames = mesh.normals.iter().zip(tangents);
+            frames.map(|(&normal, &tangent)| to_tangent_frame(normal, tangent)).collect()
         };
-        let shade = |(point, v)| gloss.shade(v, [mesh.positions[point], eye], frame(point));
-        let shaded: Vec<f32> = rows.enumerate().flat_map(shade).collect();
+        // Visibility that comes in the tangent frame meets the operator as it is, unless the grain runs
+        // along other tangents.
+        let is_local = tangents.is_none() && model.turns_with_tangents() && model.decodes_alone();
+        let visibility = match is_local {
+            true => self.local_coefficients(model)?,
+            false => self.coefficients(model)?.0,
+        };
+        let to_local: Vec<Quat> = match &tangents {
+            Some(tangents) => with(tangents),
+            None if is_local => with(&mesh.tangents),
+            None => mesh.normals.iter().copied().map(upright).collect(),
+        };
+        let (positions, to_local, visibility) =
+            (&mesh.positions[..], &to_local[..], &visibility[..]);
+        let points = GlossPoints { visibility, is_local, positions, to_local, eye };
+        let shaded = gloss.shade(points).into_flattened();
         spread(model, &shaded, vertices, out)
     }
 }
@@ -163,14 +224,23 @@ mod tests {
         let operators = factor(&lambert, order, 16).expect("factored").map(|o| o.operator(8));
         let reflector = Reflector::new("a", &operators, [0.0; 3]);
         let light = ShLight::constant(order, [2.0; 3]).expect("light");
-        let gloss = Gloss { lobes: ZonalLight::fit(&light, 3), reflector };
+        let gloss = Gloss::of(&light, reflector, 3);
         let mut open = [0.0; 16];
         open[0] = (4.0 * std::f32::consts::PI).sqrt();
         for normal in [Vec3::Y, Vec3::NEG_Z, Vec3::new(0.6, 0.0, -0.8)] {
             let turned = gloss.turned(Quat::from_rotation_x(0.4));
-            let places = [Vec3::ONE, Vec3::ONE + 3.0 * normal];
-            let found = turned.shade(&open, places, upright(normal));
-            for (found, albedo) in found.iter().zip([0.5, 0.25, 1.0]) {
+            // More than one block of points.
+            let (positions, to_local) = (vec![Vec3::ONE; 600], vec![upright(normal); 600]);
+            let points = GlossPoints {
+                visibility: &open.repeat(600),
+                is_local: false,
+                positions: &positions,
+                to_local: &to_local,
+                eye: Vec3::ONE + 3.0 * normal,
+            };
+            let found = turned.shade(points);
+            assert!(found.len() == 600 && found.iter().all(|colour| *colour == found[0]));
+            for (found, albedo) in found[0].iter().zip([0.5, 0.25, 1.0]) {
                 assert!((found - 2.0 * albedo).abs() < 1e-4, "{found} {albedo}");
             }
         }

@@ -1,10 +1,10 @@
 //! Pictures of height fields, still or moving: visibility by horizons, shaded by the same operators as
 //! characters.
 
-use glam::{DQuat, Vec3};
+use glam::{DQuat, Quat, Vec3};
 use rayon::prelude::*;
 
-use super::gloss::{Gloss, upright};
+use super::gloss::{Gloss, GlossPoints, upright};
 use super::still::{StillError, exposure};
 use crate::render::{Picture, Tone};
 use crate::sh::{MAX_COEFFICIENTS, Order};
@@ -144,11 +144,18 @@ fn picture(
     let [width, height] = field.size();
     let count = visibility.len() / (width * height);
     let mut picture = Picture::new(width, height, [0.0; 3]);
-    picture.pixels_mut().par_iter_mut().enumerate().for_each(|(i, pixel)| {
-        let (column, row) = (i % width, height - 1 - i / width);
-        let v = &visibility[(row * width + column) * count..][..count];
-        let lit = gloss.shade(v, [Vec3::ZERO, Vec3::Z], upright(field.normal(column, row)));
-        *pixel = lit.map(|value| tone.apply(exposure * value));
+    let rows =
+        picture.pixels_mut().par_chunks_mut(width).rev().zip(visibility.par_chunks(count * width));
+    rows.enumerate().for_each(|(row, (pixels, visibility))| {
+        let frame = |column| upright(field.normal(column, row));
+        let to_local: Vec<Quat> = (0..width).map(frame).collect();
+        let positions = vec![Vec3::ZERO; width];
+        let (positions, to_local) = (&positions[..], &to_local[..]);
+        let (is_local, eye) = (false, Vec3::Z);
+        let lit = gloss.shade(GlossPoints { visibility, is_local, positions, to_local, eye });
+        for (pixel, lit) in pixels.iter_mut().zip(lit) {
+            *pixel = lit.map(|value| tone.apply(exposure * value));
+        }
     });
     picture
 }

@@ -1,7 +1,7 @@
 //! A prepared job: scene, poses and checked recipe, with the hashes that name its results.
 
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use glam::Vec3;
 
@@ -11,9 +11,9 @@ use super::recipe::{BakeRecipe, DEFAULT_ALBEDO, NoiseGoalName, Recipe};
 use super::surroundings::{self, Occluders};
 use super::{Checked, Error, Lit, RecipeError, effective};
 use crate::bake::{self, Baker, Openings, Reflectance};
-use crate::model::Surface;
+use crate::model::PosedPoints;
 use crate::pose::{self, PoseSet};
-use crate::rig::{self, Deformed, Facets, Pose, RigidFrame};
+use crate::rig::{self, Deformed, Facets, Pose, RigidFrame, Tangents};
 use crate::scene::{self, Content, Limits, Scene};
 
 /// Imports a scene within the default limits.
@@ -32,21 +32,6 @@ pub fn import(path: &Path) -> Result<Scene, Error> {
 pub fn check_document(path: &Path) -> Result<bool, Error> {
     scene::check_document(path, &Limits::default())
         .map_err(|source| Error::Scene { file: path.display().to_string(), source })
-}
-
-/// A posed mesh by points, root frame.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct PointSurface {
-    positions: Vec<Vec3>,
-    normals: Vec<Vec3>,
-}
-
-impl PointSurface {
-    /// As a model takes it.
-    #[must_use]
-    pub fn as_surface(&self) -> Surface<'_> {
-        Surface { positions: &self.positions, normals: &self.normals }
-    }
 }
 
 /// What of a scene's file a recipe needs.
@@ -94,6 +79,8 @@ pub struct Job {
     pub lit: Option<Lit>,
     /// What computes the normals of poses anew, where that is asked for.
     pub facets: Option<Facets>,
+    /// Of the mesh's vertices at rest; as the skin carries them. Made when first asked for.
+    pub(super) tangents: OnceLock<(Vec<[i8; 3]>, Tangents)>,
 }
 
 impl Job {
@@ -161,6 +148,7 @@ impl Job {
             openings,
             lit,
             facets: None,
+            tangents: OnceLock::new(),
         };
         if job.recipe.bake.recompute_normals {
             let mut rest = job.rest();
@@ -276,14 +264,53 @@ impl Job {
         self.checked.subsurface.map_or(surface, |below| below.channels(surface))
     }
 
-    /// The points of one pose in the character's root frame.
+    /// The points of one pose in the character's root frame, with their tangents where asked for.
     #[must_use]
-    pub fn surface(&self, pose: usize) -> PointSurface {
+    pub fn surface(&self, pose: usize, with_tangents: bool) -> PosedPoints {
         let Deformed { positions, normals } = self.deformed(pose);
+        let mut tangents = Vec::new();
+        if with_tangents {
+            let sample = &self.poses.samples[pose];
+            let globals = self.scene.skeleton.globals(&sample.pose.local);
+            let mesh = &self.scene.mesh;
+            self.tangents().pose(mesh, &globals, sample.root, &normals, &mut tangents);
+        }
         let of_points = |vectors: &[Vec3]| {
-            self.poses.points.vertex.iter().map(|&vertex| vectors[vertex as usize]).collect()
+            let vertices = self.poses.points.vertex.iter();
+            vertices.filter_map(|&vertex| vectors.get(vertex as usize)).copied().collect()
         };
-        PointSurface { positions: of_points(&positions), normals: of_points(&normals) }
+        PosedPoints {
+            positions: of_points(&positions),
+            normals: of_points(&normals),
+            tangents: of_points(&tangents),
+        }
+    }
+
+    /// Tangents of the mesh's vertices as its skin carries them.
+    pub(super) fn tangents(&self) -> &Tangents {
+        &self.tangents_at_rest().1
+    }
+
+    /// Tangents of the points at rest, as a model keeps them.
+    pub(super) fn tangents_of_points(&self) -> Vec<[i8; 3]> {
+        let (bytes, _) = self.tangents_at_rest();
+        self.poses.points.vertex.iter().map(|&vertex| bytes[vertex as usize]).collect()
+    }
+
+    fn tangents_at_rest(&self) -> &(Vec<[i8; 3]>, Tangents) {
+        self.tangents.get_or_init(|| {
+            let (skeleton, mesh) = (&self.scene.skeleton, &self.scene.mesh);
+            // What is fitted is what the model's bytes say.
+            let bytes = rig::tangents_to_bytes(&rig::tangents_at_rest(skeleton, mesh));
+            let carried = Tangents::of(skeleton, mesh, &rig::tangents_from_bytes(&bytes));
+            (bytes, carried)
+        })
+    }
+
+    /// Where the points are at rest.
+    pub(super) fn rest_points(&self) -> Vec<Vec3> {
+        let positions = self.rest().positions;
+        self.poses.points.vertex.iter().map(|&vertex| positions[vertex as usize]).collect()
     }
 
     /// The key of a pose's clip in random streams: a hash of the clip's name, so that neither the

@@ -1,6 +1,7 @@
 //! The light and the reflectance of a job's pictures, read once.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use super::hash;
 use super::map_light::{read_map, read_words};
@@ -9,7 +10,7 @@ use super::recipe::light::{LightRecipe, WindowName, WindowRecipe};
 use super::{Error, MapError, files};
 use crate::scene::Source;
 use crate::sh::{MAX_BANDS, Order};
-use crate::shade::{Material, ShLight, Window, brdf_of_words, light_of_words};
+use crate::shade::{Material, Merl, ShLight, Window, brdf_of_words, light_of_words};
 
 /// Bytes of a map's file: the largest map, uncompressed.
 const MOST_BYTES: u64 = 512 << 20;
@@ -47,10 +48,32 @@ impl Lit {
             let window = shape(window, recipe.bake.order).checked().map_err(MapError::Light);
             light = light.windowed(window.map_err(|source| failed(&part.source, source))?);
         }
-        // Checked words are a reflectance.
-        let brdf = part.brdf.as_deref().and_then(brdf_of_words).and_then(Result::ok);
-        Ok(Some(Self { recipe: part, light, material: brdf.map(Material::from) }))
+        let material = material(&mut part)?;
+        Ok(Some(Self { recipe: part, light, material }))
     }
+}
+
+/// The reflectance that a light's part names, of which a file leaves its name alone and its hash.
+fn material(part: &mut LightRecipe) -> Result<Option<Material>, Error> {
+    let Some(source) = &part.brdf else { return Ok(None) };
+    if let Some(brdf) = brdf_of_words(source) {
+        // Checked words are a reflectance.
+        return Ok(brdf.ok().map(Material::from));
+    }
+    let path = Path::new(source);
+    let bytes = files::read(path, Merl::BYTES as u64)?;
+    let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let merl = Merl::from_bytes(&bytes)
+        .map_err(|source| Error::Reflectance { file: file.clone(), source })?;
+    part.brdf_sha256 = Some(hash::scene(&[Source { name: String::new(), bytes }]));
+    part.brdf = Some(file);
+    Ok(Some(Material::Measured(Arc::new(merl))))
+}
+
+/// Whether a reflectance is said in words, not by a file.
+#[must_use]
+pub fn is_brdf_words(source: &str) -> bool {
+    brdf_of_words(source).is_some()
 }
 
 /// Whether a light is said in words, not by a file.
@@ -72,6 +95,7 @@ pub(super) fn shape(window: WindowRecipe, order: u8) -> Window {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::shade::Brdf;
 
     fn lit(part: LightRecipe) -> Result<Option<Lit>, Error> {
         let mut recipe = Recipe { light: Some(part), ..Recipe::default() };
@@ -102,6 +126,21 @@ mod tests {
         assert!(told.contains("/nowhere/sky.hdr"), "{told}");
         let told = lit(file("Cargo.toml")).expect_err("no map").to_string();
         assert!(told.starts_with("light `Cargo.toml`: "), "{told}");
+        let measured = |brdf: &Path| {
+            let brdf = Some(brdf.display().to_string());
+            lit(LightRecipe { brdf, ..LightRecipe::default() })
+        };
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let path = folder.path().join("paint.binary");
+        let bytes = Merl::bytes_of(&Brdf::Lambert { albedo: [0.5; 3] });
+        std::fs::write(&path, &bytes[..5000]).expect("written");
+        let told = measured(&path).expect_err("cut off").to_string();
+        assert!(told.contains("`paint.binary`") && told.contains("5000"), "{told}");
+        std::fs::write(&path, bytes).expect("written");
+        let found = measured(&path).expect("lit").expect("a light");
+        assert!(matches!(found.material, Some(Material::Measured(_))));
+        assert_eq!(found.recipe.brdf.as_deref(), Some("paint.binary"));
+        assert_eq!(found.recipe.brdf_sha256.map(|hash| hash.len()), Some(64));
         assert_eq!(lit(LightRecipe::default()).expect("lit").expect("a light").material, None);
     }
 }

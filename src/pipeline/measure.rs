@@ -5,13 +5,12 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::imported::Imported;
-use super::job::PointSurface;
 use super::progress::{Progress, Stage, Watch};
-use super::recipe::Recipe;
+use super::recipe::{OnName, Recipe};
 use super::{Error, Job, encoding, fit_mean, recipe_of};
 use crate::dataset::{Dataset, Reference};
 use crate::measure::{Candidate, Case, Kind, Measured, Measurement, Settings};
-use crate::model::{Header, Model, PosedInput, Precision, Signal};
+use crate::model::{Header, Model, PosedInput, PosedPoints, Precision, Signal};
 use crate::pose::Split;
 use crate::sh::Order;
 
@@ -24,6 +23,8 @@ struct Candidates {
     parameters: Vec<Arc<Vec<f32>>>,
     /// Poses the mesh, where a model looks at it.
     job: Option<Rc<Job>>,
+    /// Whether they are for the clips that they were trained on.
+    on_trained: bool,
 }
 
 /// Measures a model on every pose that the references cover, beside the mean that `recipe` gives
@@ -41,7 +42,8 @@ pub fn measure(
     let reference = Reference::open(dataset)?;
     let mean = fit_mean(dataset, recipe)?;
     let dataset = Imported::new(dataset);
-    let candidates = candidates((model, exact), mean, &dataset)?;
+    let mut candidates = candidates((model, exact), mean, &dataset)?;
+    candidates.on_trained = recipe.target.on == OnName::Trained;
     stream(&candidates, &dataset, &reference, watch)
 }
 
@@ -54,11 +56,23 @@ pub(super) fn measure_many(
     dataset: &Imported<'_>,
     watch: &Watch,
 ) -> Result<Measured, Error> {
+    named.iter().try_for_each(|(_, model)| belongs(model, dataset))?;
+    measure_any(named, dataset, watch)
+}
+
+/// The same for models of any bake of the data set's poses.
+///
+/// # Errors
+/// As [`measure_many`], but never [`Error::OtherDataset`].
+pub(super) fn measure_any(
+    named: &[(String, Model)],
+    dataset: &Imported<'_>,
+    watch: &Watch,
+) -> Result<Measured, Error> {
     let reference = Reference::open(dataset)?;
     let mut known: Vec<(&Model, Arc<Vec<f32>>)> = Vec::new();
     let mut parameters = Vec::new();
     for (_, model) in named {
-        belongs(model, dataset)?;
         let like = known.iter().find(|k| k.0.header().rig.columns == model.header().rig.columns);
         let own = match like {
             Some((_, parameters)) => Arc::clone(parameters),
@@ -73,7 +87,9 @@ pub(super) fn measure_many(
     let entries = entries.collect();
     let models: Vec<Model> = named.iter().map(|(_, model)| model.clone()).collect();
     let job = models.iter().any(Model::needs_surface).then(|| dataset.job()).transpose()?;
-    stream(&Candidates { models, entries, parameters, job }, dataset, &reference, watch)
+    let on_trained = false;
+    let candidates = Candidates { models, entries, parameters, job, on_trained };
+    stream(&candidates, dataset, &reference, watch)
 }
 
 /// All candidates at every pose of the references.
@@ -138,7 +154,7 @@ fn candidates(
     let parameters = Arc::new(encoding::parameters(model, dataset)?);
     let parameters = vec![parameters; models.len()];
     let job = models.iter().any(Model::needs_surface).then(|| dataset.job()).transpose()?;
-    Ok(Candidates { models, entries, parameters, job })
+    Ok(Candidates { models, entries, parameters, job, on_trained: false })
 }
 
 fn settings(
@@ -155,6 +171,7 @@ fn settings(
         vertex_of_point: dataset.mesh().vertex_of_point.clone(),
         parts: dataset.job()?.scene.mesh.parts.clone(),
         candidates: candidates.entries.clone(),
+        on_trained: candidates.on_trained,
         frame_s: 1.0 / recipe_of(dataset)?.poses.rate_hz,
         reference_rays: Some(reference.header().rays),
     })
@@ -198,7 +215,8 @@ impl Bench {
             reference.read(seed, index, out)?;
         }
         self.normals = reference.read_normals(index)?;
-        let surface = candidates.job.as_ref().map(|job| job.surface(self.pose));
+        let turns = candidates.models.iter().any(Model::turns_with_tangents);
+        let surface = candidates.job.as_ref().map(|job| job.surface(self.pose, turns));
         let models = candidates.models.iter().zip(&candidates.parameters);
         for ((model, parameters), out) in models.zip(&mut self.values) {
             let pose = (self.pose, surface.as_ref());
@@ -230,7 +248,7 @@ pub(super) fn predict(
     model: &Model,
     dataset: &Dataset,
     parameters: &[f32],
-    (pose, surface): (usize, Option<&PointSurface>),
+    (pose, surface): (usize, Option<&PosedPoints>),
     out: &mut [f32],
 ) -> Result<(), Error> {
     let layout = &dataset.header().layout;
@@ -238,7 +256,7 @@ pub(super) fn predict(
     let input = PosedInput {
         parameters: &parameters[row(model.header().parameters())],
         bone_rotations: &dataset.bone_rotations()[row(layout.bones)],
-        surface: surface.map(PointSurface::as_surface),
+        surface: surface.map(PosedPoints::as_surface),
     };
     evaluate_widened(model, &input, layout.coefficients, out)
 }

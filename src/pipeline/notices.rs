@@ -91,6 +91,23 @@ pub fn reference_notice(bake: &BakeRecipe, settings: ReferenceSettings) -> Optio
 mod tests {
     use super::*;
 
+    /// A scene that stands still says that its model is a mean, and whether that is for want of a clip.
+    #[test]
+    fn standing_still_is_told() {
+        let still = crate::pipeline::two_nodes::scene(false);
+        let job = Job::new(still, None, crate::pipeline::recipe::Recipe::default()).unwrap();
+        let told = notices(&job).join("; ");
+        assert!(told.contains("does not move, for its file has no clip"), "{told}");
+        let figure = crate::scene::figure::figure();
+        let source = crate::scene::Source { name: "figure.glb".into(), bytes: figure };
+        let limits = crate::scene::Limits::default();
+        let moving = crate::scene::import_sources(vec![source], &limits).unwrap();
+        let mut recipe = crate::pipeline::recipe::Recipe::default();
+        recipe.poses.rate_hz = 2.0;
+        let told = notices(&Job::new(moving, None, recipe).unwrap()).join("; ");
+        assert!(!told.contains("does not move") && told.contains("held out"), "{told}");
+    }
+
     /// Seventeen rays are eighteen and said to be; even numbers and bounds need no word.
     #[test]
     fn rounding_is_told() {

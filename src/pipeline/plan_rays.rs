@@ -250,7 +250,7 @@ fn predicted(model: &Model, dataset: &Imported<'_>, pose: usize) -> Result<Vec<f
     let layout = &dataset.header().layout;
     let parameters = encoding::parameters(model, dataset)?;
     let surface = match model.needs_surface() {
-        true => Some(dataset.job()?.surface(pose)),
+        true => Some(dataset.job()?.surface(pose, model.turns_with_tangents())),
         false => None,
     };
     let mut values = vec![0.0; layout.points * layout.row()];

@@ -122,11 +122,17 @@ pub struct PosesRecipe {
     /// A pose that differs from an earlier one of its split by less than this in every parameter
     /// (radians, lengths over the model's size, morph weights) is dropped; 0 drops none.
     pub near_repeat: f32,
-    /// Training poses, at most, 1 to 200,000: those that lie farthest apart, each the farthest from
-    /// those before it by where the joints are, so that a larger number takes the same poses and
-    /// more. All when absent.
+    /// Training poses, at most, 1 to 200,000, chosen one after another by `choice`, so that a larger
+    /// number takes the same poses and more. All when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub most: Option<u32>,
+    /// What those of `most` are chosen by, each in view of those before it.
+    #[serde(skip_serializing_if = "PoseChoiceName::is_default")]
+    pub choice: PoseChoiceName,
+    /// Further training poses, 0 to 200,000: limbs of different training frames of a clip together, so that a
+    /// fit does not take for a rule what merely happened at the same time.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub mixed: u32,
     /// How a pose becomes numbers.
     pub parametrisation: ParametrisationName,
     /// Seed of every choice of poses.
@@ -142,9 +148,29 @@ impl Default for PosesRecipe {
             interpolated_every: 10,
             near_repeat: 0.005,
             most: None,
+            choice: PoseChoiceName::Distance,
+            mixed: 0,
             parametrisation: ParametrisationName::JointAngles,
             seed: 1,
         }
+    }
+}
+
+/// What few of many training poses are chosen by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum PoseChoiceName {
+    /// The pose farthest from those that were chosen, by where the joints are.
+    Distance,
+    /// The pose at which a model of those is predicted to be most wrong: the posterior deviation of a Gaussian
+    /// process over where the joints are.
+    PredictedError,
+}
+
+impl PoseChoiceName {
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+    fn is_default(&self) -> bool {
+        *self == Self::Distance
     }
 }
 

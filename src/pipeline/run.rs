@@ -6,7 +6,7 @@ use super::candidates::left_open;
 use super::figures::{Figures, ModelFigures, Spectra, Story, Times};
 use super::imported::Imported;
 use super::measure::belongs;
-use super::recipe::{ChooseName, Recipe};
+use super::recipe::{ChooseName, OnName, Recipe};
 use super::{
     Baked, Checked, Confirmed, Error, FittedModel, Job, ReferenceSettings, Trimmed, Watch, bake,
     bake_reference, choose, files, fit_watched, job_of, measure, report, timing,
@@ -118,14 +118,14 @@ pub fn examine(
     recipe: &Recipe,
     watch: &Watch,
 ) -> Result<(Figures, String), Error> {
-    examine_noting(model, dataset, (recipe, None), watch)
+    examine_noting(model, dataset, (recipe, recipe.target.on, None), watch)
 }
 
-/// [`examine`] with a sentence more among what the fit tells of itself.
+/// [`examine`] on the motion that somebody asked for, with a sentence more among what the fit tells of itself.
 pub(super) fn examine_noting(
     model: &mut Model,
     dataset: &Dataset,
-    (recipe, note): (&Recipe, Option<String>),
+    (recipe, on, note): (&Recipe, OnName, Option<String>),
     watch: &Watch,
 ) -> Result<(Figures, String), Error> {
     let settings = Checked::new(recipe)?.reference;
@@ -135,7 +135,9 @@ pub(super) fn examine_noting(
     let FittedModel { model: exact, mut report, fit_s } = fit_watched(dataset, recipe, watch)?;
     report.notices.extend(note);
     let story = Story { baked: None, referenced: &referenced, report: &report, fit_s };
-    let figures = assess((model, &exact), dataset, recipe, &story, watch)?;
+    let mut asked = recipe.clone();
+    asked.target.on = on;
+    let figures = assess((model, &exact), dataset, &asked, &story, watch)?;
     let page = report::page(&job_of(dataset)?, dataset, model, &figures, &report, settings);
     Ok((figures, page))
 }
@@ -193,7 +195,8 @@ fn is_met(figures: &Figures, settings: ReferenceSettings) -> bool {
 
 /// Whether the error on the motion that counts is within the target.
 ///
-/// The split is the measurement's headline: novel clips where there are any. An error that cannot
+/// The split is the measurement's headline: novel clips where there are any, or of a model for the trained clips
+/// what was held out between their frames. An error that cannot
 /// be told from the references' noise meets every target.
 #[must_use]
 pub fn meets_target(measured: &Measured, settings: ReferenceSettings) -> bool {

@@ -7,6 +7,8 @@
 //!
 //! *Invariant:* held-out clips have no say; they only confirm what was chosen.
 
+mod dropping;
+
 use std::time::Instant;
 
 use super::candidates::CandidateRecipe;
@@ -15,20 +17,17 @@ use super::recipe::{PrecisionName, Recipe, RidgeName};
 use super::validation::Validation;
 use super::workbench::{Tried, Workbench, largest, reaches};
 use super::{Error, FittedModel, fit};
-use crate::choose::{Choice, Point, Shares, SplitError, Target, decide, front, is_doubtful};
+use crate::choose::{Choice, Point, Shares, SplitError, Target, decide, is_doubtful};
 use crate::dataset::Dataset;
 use crate::fit::Shared;
 use crate::model::Precision;
+use dropping::{drop_behind, drop_hopeless};
 
 /// The split of the points of a search.
 pub const VALIDATION: &str = "validation";
 
 /// Groups of clips that are left out in turn, at most.
 const MOST_FOLDS: usize = 3;
-
-/// After the first group, a candidate is dropped where its error is this many times that of a
-/// candidate of no more bytes.
-const HOPELESS: f64 = 1.25;
 
 /// Candidates of the second round.
 const FINALISTS: usize = 4;
@@ -107,14 +106,19 @@ pub fn search(
     best.truncate(if clear { 1 } else { FINALISTS });
     let best: Vec<usize> = best.into_iter().map(|(entry, _)| entry).collect();
     let finalists: Vec<CandidateRecipe> = best.iter().map(|&i| entries[i].reaching()).collect();
-    let others = entries.iter().enumerate().filter(|(i, _)| !best.contains(i));
-    let estimates = others.flat_map(|(_, entry)| entry.finished()).collect();
+    let estimates_but = |exact: &[&str]| -> Vec<Point> {
+        let others = entries.iter().filter(|entry| !exact.contains(&entry.candidate.name.as_str()));
+        others.flat_map(Entry::finished).collect()
+    };
     if clear {
+        let estimates = estimates_but(&[&finalists[0].name]);
         let only = Entry { candidate: &finalists[0], ..entries.swap_remove(best[0]) };
         return conclude((dataset, target, start), &[only], estimates, left_out);
     }
     let shared = || Shared::new(largest(&finalists));
-    let exact = exactly(dataset, &finalists, Some(&shared), watch, start)?;
+    let exact = exactly(dataset, &finalists, Some((&shared, target)), watch, start)?;
+    let names: Vec<&str> = exact.iter().map(|entry| entry.candidate.name.as_str()).collect();
+    let estimates = estimates_but(&names);
     conclude((dataset, target, start), &exact, estimates, left_out)
 }
 
@@ -134,11 +138,12 @@ pub fn exhaustive(
     Ok((points, start.elapsed().as_secs_f64()))
 }
 
-/// Fits to all points; those to the same poses share what `share` makes, or nothing.
+/// Fits to all points; those to the same poses share what `search` makes, which also drops what can no longer be
+/// the target's choice.
 fn exactly<'a>(
     dataset: &Dataset,
     candidates: &'a [CandidateRecipe],
-    share: Option<&dyn Fn() -> Shared>,
+    search: Option<(&dyn Fn() -> Shared, &Target)>,
     watch: &Watch,
     start: Instant,
 ) -> Result<Vec<Entry<'a>>, Error> {
@@ -147,7 +152,7 @@ fn exactly<'a>(
     let mut entries = entries(candidates);
     let mut count = Count::new(start, (entries.len() * folds.len()) as u64);
     for (index, fold) in folds.iter().enumerate() {
-        let common = share.map(|make| make());
+        let common = search.map(|(make, _)| make());
         for entry in &mut entries {
             let own = Shared::default();
             let shared = common.as_ref().unwrap_or(&own);
@@ -155,6 +160,9 @@ fn exactly<'a>(
             entry.take(bench.try_out(entry.candidate, (fold, shared), time), watch, &mut count)?;
         }
         entries.retain(|entry| entry.squares.len() == index + 1);
+        if let Some((_, target)) = search {
+            drop_behind(&mut entries, target);
+        }
     }
     Ok(entries)
 }
@@ -352,24 +360,6 @@ impl Entry<'_> {
         };
         self.points.iter().enumerate().map(finish).collect()
     }
-}
-
-/// Keeps the candidates with a point that is close to the front of bytes and error.
-fn drop_hopeless(entries: &mut Vec<Entry<'_>>) {
-    let place = |entry: &Entry<'_>, i: usize| {
-        let squares = entry.squares.last().map_or(f64::NAN, |squares| squares[i]);
-        (entry.points[i].bytes as f64, squares.max(0.0).sqrt())
-    };
-    let all = |entry: &Entry<'_>| -> Vec<(f64, f64)> {
-        (0..entry.points.len()).map(|i| place(entry, i)).collect()
-    };
-    let places: Vec<(f64, f64)> = entries.iter().flat_map(&all).collect();
-    let best: Vec<(f64, f64)> = front(&places).into_iter().map(|i| places[i]).collect();
-    let near = |&(bytes, error): &(f64, f64)| {
-        let rivals = best.iter().filter(|(rival, _)| *rival <= bytes).map(|(_, error)| *error);
-        error <= HOPELESS * rivals.fold(f64::INFINITY, f64::min)
-    };
-    entries.retain(|entry| all(entry).iter().any(near));
 }
 
 /// Splits the mean square error: what noise leaves in so many degrees of freedom, what the fit

@@ -80,3 +80,33 @@ fn a_search_ends_with_the_simplest_or_the_best() {
     let Shares { noise, bias, coverage } = strict.shares;
     assert!(noise + bias + coverage > 0.0 && strict.search_s > 0.0);
 }
+
+/// Where error alone counts, candidates that are behind on the clips so far are dropped; what costs too much is no
+/// rival, and a target error needs them all.
+#[test]
+fn those_behind_are_dropped() {
+    let candidates = [("a", 100), ("b", 100), ("c", 100), ("large", 900)].map(|(name, bytes)| {
+        let recipe = Recipe::default();
+        (CandidateRecipe { name: name.into(), recipe, poses: None }, bytes)
+    });
+    let squares = [1.0, 1.05, 1.2, 0.5];
+    let left = |target: &Target| {
+        let mut entries = Vec::new();
+        for ((candidate, bytes), square) in candidates.iter().zip(squares) {
+            let points = vec![Point { bytes: *bytes, ..Point::default() }];
+            entries.push(Entry {
+                candidate,
+                points,
+                squares: vec![vec![square]],
+                held: Vec::new(),
+            });
+        }
+        drop_behind(&mut entries, target);
+        entries.iter().map(|entry| entry.candidate.name.clone()).collect::<Vec<_>>().join(" ")
+    };
+    let bytes = |most| Target { max_bytes: Some(most), ..Target::default() };
+    assert_eq!(left(&bytes(500)), "a b");
+    assert_eq!(left(&bytes(1000)), "large");
+    assert_eq!(left(&bytes(10)), "a b c large");
+    assert_eq!(left(&Target { max_error: Some(0.1), ..bytes(500) }), "a b c large");
+}

@@ -28,7 +28,7 @@ pub(super) fn evaluate(model: &Model, dataset: &Imported<'_>) -> Result<Evaluati
     let parameters = &parameters[..model.header().parameters()];
     let mut out = vec![0.0; layout.points * model.header().width()];
     let all_us = if model.needs_surface() {
-        let surface = dataset.job()?.surface(0);
+        let surface = dataset.job()?.surface(0, model.turns_with_tangents());
         let input = PosedInput {
             parameters,
             bone_rotations: &dataset.bone_rotations()[..layout.bones],

@@ -237,7 +237,7 @@ impl Tradeoff {
     }
 }
 
-fn errors(measured: &Measured, name: &str) -> BTreeMap<String, SplitError> {
+pub(super) fn errors(measured: &Measured, name: &str) -> BTreeMap<String, SplitError> {
     let of = |candidates: &[CandidateMeasured]| {
         let candidate = candidates.iter().find(|candidate| candidate.name == name)?;
         Some(SplitError {

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use super::effort::Effort;
 use super::tradeoff::Tradeoff;
 use crate::choose::Point;
 
@@ -12,10 +13,11 @@ impl Tradeoff {
         table(self)
     }
 
-    /// One file with the pictures and the table, readable without a network.
+    /// One file with the pictures and the table, readable without a network; below them what a bake's
+    /// effort buys, where that was tried.
     #[must_use]
-    pub fn page(&self) -> String {
-        page(self, &table(self))
+    pub fn page(&self, effort: Option<&Effort>) -> String {
+        page(self, &table(self), effort)
     }
 }
 
@@ -71,14 +73,18 @@ fn row(tradeoff: &Tradeoff, point: &Point) -> String {
 }
 
 /// One file with the pictures and the table.
-fn page(tradeoff: &Tradeoff, table: &str) -> String {
+fn page(tradeoff: &Tradeoff, table: &str, effort: Option<&Effort>) -> String {
     let escape = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;");
     let plots: String = tradeoff.plots().into_iter().map(|(_, svg)| svg).collect();
+    let efforts = effort.map_or(String::new(), |effort| {
+        let table = escape(&effort.table());
+        format!("<h2>Rays, poses and order</h2>{}<pre>{table}</pre>", effort.plot())
+    });
     format!(
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Trade-off of {0}</title>\
          <style>:root{{color-scheme:light dark}}body{{font-family:sans-serif;max-width:1100px;\
          margin:2em auto;padding:0 1em}}pre{{overflow-x:auto}}svg{{width:100%}}</style>\
-         <h1>Trade-off of {0}</h1>{plots}<pre>{1}</pre></html>",
+         <h1>Trade-off of {0}</h1>{plots}<pre>{1}</pre>{efforts}</html>",
         escape(&tradeoff.scene),
         escape(table),
     )

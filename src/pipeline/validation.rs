@@ -65,7 +65,7 @@ impl<'a> Validation<'a> {
         for &pose in fold {
             let pose = self.poses[pose];
             self.dataset.read_points(&[pose], 0..layout.points, &mut truth)?;
-            let surface = job.as_ref().map(|job| job.surface(pose));
+            let surface = job.as_ref().map(|job| job.surface(pose, first.turns_with_tangents()));
             for (model, sum) in models.iter().zip(&mut sums) {
                 predict(model, &self.dataset, &parameters, (pose, surface.as_ref()), &mut found)?;
                 let errors = found.iter().zip(&truth).map(|(y, t)| f64::from(y - t).powi(2));

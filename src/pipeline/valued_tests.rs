@@ -52,6 +52,21 @@ fn what_blocks_is_taken_out() {
     assert!(made.notices.iter().any(|notice| notice.contains("4 vertices that only block")));
 }
 
+/// A model that looks at the posed mesh does not look at what only blocks: the whole scene beside it gives
+/// what the scene without those nodes gives, also for positions of the vertices that have values.
+#[test]
+fn what_only_blocks_is_not_looked_at() {
+    let whole = two_nodes::scene(false);
+    let model = model(None, |around| around.occluder_nodes = vec!["lid".into()]);
+    let only = valued(&model, &whole).unwrap().scene;
+    let rest = Pose::rest(&whole.skeleton, &[]);
+    let posed = |scene| Query::from_pose(&model, scene, &rest).unwrap().posed(&model, Some(scene));
+    assert_eq!(posed(&whole).unwrap(), posed(&only).unwrap());
+    let own: Vec<f32> = only.mesh.positions.iter().flat_map(|place| place.to_array()).collect();
+    let by_vertices = |scene| Query::from_positions_in(&model, scene, &own).unwrap();
+    assert_eq!(by_vertices(&whole), by_vertices(&only));
+}
+
 /// Receivers come last and are in another file: the scene's own vertices are the model's first, with and
 /// without a node that blocks, and the picture is of them.
 #[test]

@@ -14,13 +14,13 @@ use super::candidates::CandidateRecipe;
 use super::fit::{Assembled, assemble, fit_sizes, geometry, order_kept, settings_for};
 use super::imported::Imported;
 use super::measure::evaluate_widened;
-use super::recipe::{FamilyName, OnName, ParametrisationName, Recipe};
+use super::recipe::{FamilyName, FitRecipe, FrameName, OnName, ParametrisationName, Recipe};
 use super::tradeoff::{mesh_percent, point};
-use super::{Error, FittedModel, Job, PointSurface, encoding};
+use super::{Error, FittedModel, Job, encoding};
 use crate::choose::Point;
-use crate::dataset::{Dataset, Training, TrainingParts};
+use crate::dataset::{Dataset, Movement, Training, TrainingParts};
 use crate::fit::{Kept, Largest, Shared};
-use crate::model::{Model, PosedInput, Precision, RigHeader};
+use crate::model::{Model, PosedInput, PosedPoints, Precision, RigHeader};
 
 /// Points that candidates are tried on, at most.
 const MOST_POINTS: usize = 2048;
@@ -56,14 +56,14 @@ impl Encoding {
 pub(super) struct Workbench<'a> {
     dataset: &'a Dataset,
     base: TrainingParts,
-    skin: Option<Vec<Vec<(u32, f32)>>>,
+    movement: Option<Movement>,
     /// Index in the data set of every training pose.
     poses: Vec<usize>,
     /// How the data set's own parameters were made.
     stored: ParametrisationName,
     encodings: Vec<Encoding>,
     /// The mesh of the points, posed as the data are, where a candidate looks at it.
-    posed: Option<(Job, Vec<PointSurface>)>,
+    posed: Option<(Job, Vec<PosedPoints>)>,
     largest: Largest,
     /// Points of the data set for each one here.
     ratio: f64,
@@ -108,7 +108,7 @@ impl<'a> Workbench<'a> {
         let mut this = Self {
             dataset,
             base: dataset.training()?.parts_at(&points)?,
-            skin: None,
+            movement: None,
             poses,
             stored: stored.poses.parametrisation,
             encodings: Vec::new(),
@@ -122,12 +122,14 @@ impl<'a> Workbench<'a> {
                 this.encode(&imported, name, &stored, &points)?;
             }
         }
+        let turns = candidates.iter().any(|c| c.recipe.fit.frame == FrameName::Tangent);
         let looks = |c: &CandidateRecipe| {
-            c.recipe.fit.family == FamilyName::Occluder || c.recipe.fit.unshadowed == Some(true)
+            let FitRecipe { family, unshadowed, local, .. } = &c.recipe.fit;
+            *family == FamilyName::Occluder || *unshadowed == Some(true) || local.is_some()
         };
-        if candidates.iter().any(looks) {
+        if turns || candidates.iter().any(looks) {
             let job = thinned(super::job_of(dataset)?, &points);
-            let surfaces = this.poses.iter().map(|&pose| job.surface(pose)).collect();
+            let surfaces = this.poses.iter().map(|&pose| job.surface(pose, turns)).collect();
             this.posed = Some((job, surfaces));
         }
         Ok(this)
@@ -142,13 +144,10 @@ impl<'a> Workbench<'a> {
     ) -> Result<(), Error> {
         let mut recipe = stored.clone();
         recipe.fit.parametrisation = Some(name);
-        // A family that goes by skin weights, so that these are read, too.
+        // A family that goes by how points move, so that this is read, too.
         recipe.fit.family = FamilyName::ClusteredLinear;
         let (training, rig) = encoding::training(imported, &recipe, &[])?;
-        let some = |skin: &[Vec<(u32, f32)>]| {
-            points.iter().map(|&point| skin[point as usize].clone()).collect()
-        };
-        self.skin = training.skin().map(some);
+        self.movement = training.movement().map(|movement| movement.at(points));
         self.encodings.push(Encoding {
             name,
             parameters: training.parameters().to_vec(),
@@ -175,8 +174,8 @@ impl<'a> Workbench<'a> {
             parameter_names: encoding.names.clone(),
             ..self.base.clone()
         });
-        match &self.skin {
-            Some(skin) => whole.with_skin(skin.clone()),
+        match &self.movement {
+            Some(movement) => whole.moving(movement.clone()),
             None => whole,
         }
     }
@@ -265,9 +264,8 @@ impl Bench<'_> {
             .map(|count| ((f64::from(count) / bench.ratio).round() as u32).max(1));
         let (checked, mut settings) = settings_for(bench.dataset, &recipe)?;
         settings.steps = settings.steps.min(STEPS);
-        let looks = settings.unshadowed || settings.spheres.is_some();
-        let job = bench.posed.as_ref().map(|(job, _)| job).filter(|_| looks);
-        let mut geometry = job.map(|job| geometry(job, &[]));
+        let job = bench.posed.as_ref().map(|(job, _)| job).filter(|_| settings.looks_at_mesh());
+        let mut geometry = job.map(|job| geometry(job, (&encoding.rig, &settings), &[]));
         if let Some(geometry) = &mut geometry {
             geometry.poses = self.keep.iter().map(|&i| geometry.poses[i]).collect();
             geometry.order = order_kept(bench.dataset, &recipe).unwrap_or(geometry.order);
@@ -283,6 +281,7 @@ impl Bench<'_> {
             bone_of_point: bench.base.point_bones.clone(),
             point_of_vertex: (0..bench.base.points as u32).collect(),
             is_part: bench.is_sample(),
+            job,
         };
         let report = fitted.report.clone();
         let model = assemble(bench.dataset, &recipe, (&checked, settings), fitted, assembled)?;

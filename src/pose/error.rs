@@ -52,6 +52,19 @@ pub enum Error {
         /// The bound.
         most: usize,
     },
+    /// Limbs of meshes that have none.
+    #[error(
+        "poses cannot be mixed of a sequence of meshes, which has no limbs; leave out mixed poses"
+    )]
+    MixedSequence,
+    /// More mixed poses than the bound leaves room for.
+    #[error("{mixed} mixed poses beside those of the clips are more than {most}; mix fewer")]
+    TooManyMixed {
+        /// What was asked for.
+        mixed: usize,
+        /// The bound.
+        most: usize,
+    },
     /// The rest pose has no extent, so nothing can be measured in its size.
     #[error("the rest pose has a size of {size_m} m: it has no surface that could be lit")]
     Size {

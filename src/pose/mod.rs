@@ -3,15 +3,19 @@
 //! *Invariant:* the result depends on the scene and the settings alone.
 //! *Invariant:* parameters keep only what varies in [`Split::Training`]; no other split has a say.
 
+mod choice;
 mod error;
 mod evaluate;
 mod folds;
+mod mixed;
+mod predicted;
 mod repeats;
 mod schedule;
 mod spread;
 
 use glam::{Affine3A, Quat};
 
+pub use choice::PoseChoice;
 pub use error::Error;
 pub use evaluate::evaluate;
 
@@ -21,6 +25,7 @@ use crate::rig::{
     bone_rotations, carried_weight, in_root,
 };
 use crate::scene::{Scene, size_m};
+use choice::keep_apart;
 use folds::Folds;
 use schedule::{Instant, Schedule};
 
@@ -43,10 +48,14 @@ pub struct Settings {
     /// units of scale and weight) from an earlier pose of the same split; 0 drops none.
     /// Default 0.005, which is 0.3°.
     pub near_repeat: f32,
-    /// Training poses at most: those that lie farthest apart, greedily, by where the joints are
+    /// Training poses at most, chosen greedily by where the joints are
     /// ([`Parametrisation::handles`]); a larger number takes the same and more. At least 1.
     /// Default: all.
     pub most: Option<usize>,
+    /// Which of the training poses those are. Default: the ones that lie farthest apart.
+    pub choice: PoseChoice,
+    /// Further training poses: limbs of different frames of a clip. Default 0.
+    pub mixed: usize,
     /// How a pose becomes numbers. Default joint angles; a sequence of meshes has dihedral angles
     /// only.
     pub parametrisation: ParametrisationKind,
@@ -65,6 +74,8 @@ impl Default for Settings {
             interpolated_every: 10,
             near_repeat: 0.005,
             most: None,
+            choice: PoseChoice::Distance,
+            mixed: 0,
             parametrisation: ParametrisationKind::JointAngles,
             seed: 0,
             root_motion: RootMotion::Rigid,
@@ -95,6 +106,8 @@ pub struct Sample {
     pub time_s: f32,
     /// What it is for.
     pub split: Split,
+    /// Whether it is none of a clip's poses but mixed of several ([`Settings::mixed`]).
+    pub mixed: bool,
     /// Local transforms and morph weights.
     pub pose: Pose,
     /// The root's rigid motion since rest, which is taken out before baking.
@@ -188,8 +201,9 @@ pub fn sample(scene: &Scene, settings: &Settings) -> Result<PoseSet, Error> {
     let mut drafts: Vec<Draft> = schedule
         .instants
         .iter()
-        .map(|&instant| Draft { instant, pose: pose_at(&schedule, instant, &rest) })
+        .map(|&instant| Draft { instant, pose: pose_at(&schedule, instant, &rest), mixed: false })
         .collect();
+    mixed::add(&mut drafts, scene, settings)?;
     let root = Root::of(scene, settings.root_motion);
     // Repeats are told apart by everything that moves anywhere, parameters by training alone.
     let names = &scene.mesh.weight_names;
@@ -216,7 +230,7 @@ pub fn sample(scene: &Scene, settings: &Settings) -> Result<PoseSet, Error> {
     // What varies is a matter of all training poses, so that fewer of them are the same numbers.
     let before = drafts.len();
     if let Some(most) = settings.most {
-        keep_apart(&mut drafts, scene, &root, size_m, most);
+        keep_apart(&mut drafts, scene, &root, size_m, (most, settings.choice));
     }
     let passed_over = before - drafts.len();
     let bones = Bones::dominant(&scene.mesh, &points);
@@ -292,6 +306,7 @@ impl<'a> Root<'a> {
 struct Draft {
     instant: Instant,
     pose: Pose,
+    mixed: bool,
 }
 
 impl Draft {
@@ -300,7 +315,8 @@ impl Draft {
         let frame = root.frame(&globals);
         let bone_rotations = bone_rotations(&globals, &root.rest_globals, frame, bones);
         let Instant { clip, time_s, split } = self.instant;
-        Sample { clip, time_s, split, pose: self.pose, root: frame, bone_rotations }
+        let Self { pose, mixed, .. } = self;
+        Sample { clip, time_s, split, mixed, pose, root: frame, bone_rotations }
     }
 }
 
@@ -350,21 +366,6 @@ fn angles<'a>(
 fn carries(scene: &Scene) -> Vec<bool> {
     let carried = carried_weight(&scene.skeleton, &scene.mesh);
     carried.iter().map(|&weight| weight > 0.0).collect()
-}
-
-/// Keeps so many of the training poses, as far apart as can be, and all others.
-fn keep_apart(drafts: &mut Vec<Draft>, scene: &Scene, root: &Root<'_>, size_m: f32, most: usize) {
-    let training = drafts.iter().filter(|draft| draft.instant.split == Split::Training);
-    let poses: Vec<_> = training.map(|d| (&d.pose, root.inside(&d.pose))).collect();
-    let names = &scene.mesh.weight_names;
-    let by = Parametrisation::handles(&scene.skeleton, &poses, size_m, &carries(scene), names);
-    let rows: Vec<f32> = poses.iter().flat_map(|(pose, inside)| by.encode(pose, inside)).collect();
-    let keep = spread::spread(&rows, by.columns.len(), most);
-    let mut index = 0..;
-    drafts.retain(|draft| {
-        draft.instant.split != Split::Training
-            || index.next().is_some_and(|i: usize| keep.binary_search(&i).is_ok())
-    });
 }
 
 /// Removes near-repeats and counts them by clip.

@@ -41,12 +41,12 @@ fn central(rows: &[f32], width: usize) -> usize {
     farthest(&away)
 }
 
-fn square(a: &[f32], b: &[f32]) -> f64 {
+pub(super) fn square(a: &[f32], b: &[f32]) -> f64 {
     a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum()
 }
 
 /// Index of the largest; of equal ones the first.
-fn farthest(distances: &[f64]) -> usize {
+pub(super) fn farthest(distances: &[f64]) -> usize {
     let mut best = 0;
     for (i, distance) in distances.iter().enumerate() {
         if *distance > distances[best] {

@@ -25,6 +25,7 @@ mod skeleton;
 mod split;
 mod subset;
 mod tangents;
+mod turns;
 mod upright;
 
 pub use blend::Mix;
@@ -39,5 +40,9 @@ pub use points::Points;
 pub use pose::Pose;
 pub use rotation::{mean_rotation, nearest_rotation, rotation_vector};
 pub use skeleton::{Node, Skeleton, Transform};
-pub use tangents::{TangentFigures, Tangents, coherence, smoothness, to_tangent_frame};
+pub use tangents::{
+    TangentFigures, Tangents, coherence, smoothness, tangents_at_rest, tangents_from_bytes,
+    tangents_to_bytes, to_tangent_frame,
+};
+pub use turns::turns;
 pub use upright::RootMotion;

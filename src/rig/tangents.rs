@@ -20,29 +20,67 @@ use principal::longest;
 /// Rounds of smoothing over neighbours.
 const ROUNDS: usize = 100;
 
-/// Unit tangents at rest, in each vertex's own space before deformation.
+/// Tangents at rest, in each vertex's own space before deformation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tangents {
     rest: Vec<Vec3>,
+}
+
+/// Numbers of a tangent's component in a byte: 1 is 127.
+const STEPS: f32 = 127.0;
+
+/// The unit tangents of a mesh in its rest pose, in the scene's frame.
+#[must_use]
+pub fn tangents_at_rest(skeleton: &Skeleton, mesh: &Mesh) -> Vec<Vec3> {
+    let pose = Pose::rest(skeleton, &mesh.default_weights);
+    let globals = skeleton.globals(&pose.local);
+    let mut rest = Deformed::default();
+    deform(mesh, &globals, &pose.weights, RigidFrame::IDENTITY, &mut rest);
+    let guess = mixed_directions(mesh, &rest);
+    smoothed(mesh, &rest, &guess)
+}
+
+/// Tangents in three bytes each: what is fitted and what is evaluated must be the very same frames.
+#[must_use]
+pub fn tangents_to_bytes(tangents: &[Vec3]) -> Vec<[i8; 3]> {
+    let byte = |x: f32| (x * STEPS).round() as i8;
+    tangents.iter().map(|tangent| tangent.to_array().map(byte)).collect()
+}
+
+/// What [`tangents_to_bytes`] made, of about unit length.
+#[must_use]
+pub fn tangents_from_bytes(bytes: &[[i8; 3]]) -> Vec<Vec3> {
+    bytes.iter().map(|bytes| Vec3::from(bytes.map(|x| f32::from(x) / STEPS))).collect()
 }
 
 impl Tangents {
     /// The tangents of a mesh, by its rest pose.
     #[must_use]
     pub fn new(skeleton: &Skeleton, mesh: &Mesh) -> Self {
-        let pose = Pose::rest(skeleton, &mesh.default_weights);
-        let globals = skeleton.globals(&pose.local);
-        let mut rest = Deformed::default();
-        deform(mesh, &globals, &pose.weights, RigidFrame::IDENTITY, &mut rest);
-        let guess = mixed_directions(mesh, &rest);
-        let smooth = smoothed(mesh, &rest, &guess);
+        Self::of(skeleton, mesh, &tangents_at_rest(skeleton, mesh))
+    }
+
+    /// Tangents that a mesh, of which only the skin is looked at, carries from its rest pose, where they
+    /// are `at_rest`, in the scene's frame; their length does not matter.
+    #[must_use]
+    pub fn of(skeleton: &Skeleton, mesh: &Mesh, at_rest: &[Vec3]) -> Self {
+        let globals = skeleton.globals(&Pose::rest(skeleton, &mesh.default_weights).local);
         let matrices = matrices(mesh, &globals, RigidFrame::IDENTITY);
         let back = |(vertex, tangent): (usize, &Vec3)| {
             let inverse = blended(mesh, &matrices, vertex).inverse();
             let own = Vec3::from(inverse * Vec3A::from(*tangent));
             if own.is_finite() { own.normalize_or(Vec3::X) } else { Vec3::X }
         };
-        Self { rest: smooth.iter().enumerate().map(back).collect() }
+        Self { rest: at_rest.iter().enumerate().map(back).collect() }
+    }
+
+    /// The tangents of some of the vertices.
+    ///
+    /// # Panics
+    /// If there is no such vertex.
+    #[must_use]
+    pub fn subset(&self, vertices: &[u32]) -> Self {
+        Self { rest: vertices.iter().map(|&vertex| self.rest[vertex as usize]).collect() }
     }
 
     /// The unit tangents of a pose, at right angles to the posed normals, seen from `root`.

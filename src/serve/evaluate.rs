@@ -15,7 +15,7 @@ use super::jobs::accepts;
 use super::poses::{EvaluateRequest, refused};
 use super::problem::Problem;
 use super::values::{RAW, Values, as_bytes, as_json};
-use crate::model::{Distance, Model};
+use crate::model::{Distance, Frame, Model};
 use crate::pipeline::{Gloss, Light, Query};
 
 /// What is evaluated at poses.
@@ -116,7 +116,7 @@ impl Asked<'_> {
             distances.push(distance);
         }
         let turned = queries.iter().all(|query| query.is_turned(model));
-        let frame = if turned { "root" } else { "bone" };
+        let frame = if turned { Frame::Root } else { header.frame }.name();
         let residual_rms = header.training.residual_rms;
         Ok(Values { shape, values, frame, distances, residual_rms, held: Some(held) })
     }

@@ -25,6 +25,7 @@ pub(super) fn field_of_pose(poses: &PosesRecipe, error: &pose::Error) -> String 
         pose::Error::NothingToTrain { .. } => "poses/hold_out",
         pose::Error::Rate { .. } | pose::Error::TooManyPoses { .. } => "poses/rate_hz",
         pose::Error::NearRepeat { .. } => "poses/near_repeat",
+        pose::Error::MixedSequence | pose::Error::TooManyMixed { .. } => "poses/mixed",
         pose::Error::InterpolatedEvery => "poses/interpolated_every",
         pose::Error::Size { .. } => "scene/file",
     };

@@ -7,13 +7,15 @@ use serde::Deserialize;
 
 use super::Service;
 use super::answer::is_sha256;
+use super::lights::LightRequest;
 use super::poses::{EvaluateRequest, refused};
 use super::problem::Problem;
 use crate::model::{Model, Signal};
 use crate::pipeline::{self, EvaluateError, GLOSS_LOBES, GLOSS_TERMS, Gloss};
 use crate::sh::Order;
 use crate::shade::{
-    BRDF_WORDS, Brdf, MOST_LOBES, Material, Reflectance, Reflector, ShLight, brdf_of_words, factor,
+    BRDF_WORDS, Brdf, MOST_LOBES, Material, Merl, Reflectance, Reflector, ShLight, brdf_of_words,
+    factor,
 };
 
 /// The largest order that operators are made for here: beyond, they are megabytes, and the time to
@@ -28,15 +30,15 @@ const MOST_OPERATOR_BYTES: u64 = 128 << 20;
 #[serde(deny_unknown_fields, expecting = "an object with `form` or `asset`, and `eye`")]
 pub(super) struct BrdfRequest {
     /// An isotropic reflectance in words, such as `ggx:0.5,0.3`.
-    form: Option<String>,
-    /// SHA-256 of an uploaded operator.
-    asset: Option<String>,
+    pub(super) form: Option<String>,
+    /// SHA-256 of an uploaded operator, or of a measured reflectance in MERL's format.
+    pub(super) asset: Option<String>,
     /// Where the eye is, in the root frame, metres.
-    eye: [f32; 3],
-    /// Terms of the operator of a form.
-    terms: Option<usize>,
+    pub(super) eye: [f32; 3],
+    /// Terms of the operator of a form or a measured reflectance.
+    pub(super) terms: Option<usize>,
     /// Lobes that the light is fitted with.
-    lobes: Option<usize>,
+    pub(super) lobes: Option<usize>,
 }
 
 impl EvaluateRequest {
@@ -51,14 +53,32 @@ impl EvaluateRequest {
         model: &Model,
     ) -> Result<Option<(Arc<Gloss>, Vec3)>, Problem> {
         let Some(brdf) = &self.brdf else { return Ok(None) };
-        let Some(light) = &self.light else {
+        if self.parameters.is_some() || self.positions.is_some() {
+            return Err(Problem::field("#/brdf", WANTS_POSES));
+        }
+        brdf.gloss(service, (id, model), self.light.as_ref()).map(Some)
+    }
+}
+
+/// What a reflectance beside other poses is told.
+pub(super) const WANTS_POSES: &str =
+    "it stands beside `poses` or `clip`, which tell where the surface is";
+
+impl BrdfRequest {
+    /// What the light is reflected by, from the cache where it was met before, and towards where.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub(super) fn gloss(
+        &self,
+        service: &Service,
+        (id, model): (&str, &Model),
+        light: Option<&LightRequest>,
+    ) -> Result<(Arc<Gloss>, Vec3), Problem> {
+        let Some(light) = light else {
             return Err(Problem::field("#/brdf", "it stands beside a `light`, which it reflects"));
         };
-        if self.parameters.is_some() || self.positions.is_some() {
-            let fault = "it stands beside `poses` or `clip`, which tell where the surface is";
-            return Err(Problem::field("#/brdf", fault));
-        }
-        let eye = Vec3::from(brdf.eye);
+        let eye = Vec3::from(self.eye);
         if !eye.is_finite() {
             return Err(Problem::field("#/brdf/eye", "it is no place"));
         }
@@ -66,20 +86,20 @@ impl EvaluateRequest {
             let signal = model.header().signal.name();
             return Err(refused("#/brdf".to_owned(), &EvaluateError::NeedsVisibility { signal }));
         }
-        let lobes = brdf.lobes.unwrap_or(GLOSS_LOBES);
+        let lobes = self.lobes.unwrap_or(GLOSS_LOBES);
         if !(1..=MOST_LOBES).contains(&lobes) {
             return Err(Problem::field("#/brdf/lobes", format!("there are 1 to {MOST_LOBES}")));
         }
         let mut name = light.name();
-        name.extend(format!(" {:?} {:?} {:?} {lobes}", brdf.form, brdf.asset, brdf.terms).bytes());
+        name.extend(format!(" {:?} {:?} {:?} {lobes}", self.form, self.asset, self.terms).bytes());
         let gloss = service.hot.gloss(id, &name, || {
             let colours = light.colours(service, model)?;
             let light = three(model.header().sh_order(), &colours)?;
-            let reflector = brdf.reflector(service, model.header().sh_order())?;
+            let reflector = self.reflector(service, model.header().sh_order())?;
             Gloss::new(model, &light, reflector, lobes)
                 .map_err(|error| refused("#/brdf".to_owned(), &error))
         })?;
-        Ok(Some((gloss, eye)))
+        Ok((gloss, eye))
     }
 }
 
@@ -99,7 +119,7 @@ impl BrdfRequest {
     fn reflector(&self, service: &Service, order: Order) -> Result<Reflector, Problem> {
         match (&self.form, &self.asset) {
             (Some(form), None) => self.of_form(form, order),
-            (None, Some(asset)) => of_asset(service, asset),
+            (None, Some(asset)) => self.of_asset(service, asset, order),
             _ => Err(Problem::field("#/brdf", "give one of `form` and `asset`")),
         }
     }
@@ -114,34 +134,55 @@ impl BrdfRequest {
         if !material.is_isotropic() {
             return Err(refuse("it needs tangents, which models do not carry".to_owned()));
         }
+        self.operator(form, &material, order)
+    }
+
+    fn operator(
+        &self,
+        name: &str,
+        material: &Material,
+        order: Order,
+    ) -> Result<Reflector, Problem> {
         if order.get() > MOST_ORDER {
             let fault = format!(
                 "operators of order {} are not made here, up to {MOST_ORDER} they are: upload one",
                 order.get()
             );
-            return Err(refuse(fault));
+            let at = if self.form.is_some() { "#/brdf/form" } else { "#/brdf/asset" };
+            return Err(Problem::field(at, fault));
         }
         let (terms, most) = (self.terms.unwrap_or(GLOSS_TERMS), order.coefficients());
         if terms == 0 || (self.terms.is_some() && terms > most) {
             return Err(Problem::field("#/brdf/terms", format!("there are 1 to {most}")));
         }
         let factored =
-            factor(&material, order, material.nodes()).map_err(|e| Problem::internal(&e))?;
+            factor(material, order, material.nodes()).map_err(|e| Problem::internal(&e))?;
         let operators = factored.map(|colour| colour.operator(terms));
-        Ok(Reflector::new(form, &operators, [0.0; 3]))
+        Ok(Reflector::new(name, &operators, [0.0; 3]))
     }
-}
 
-/// An operator that was uploaded.
-fn of_asset(service: &Service, asset: &str) -> Result<Reflector, Problem> {
-    let refuse = |told: String| Problem::field("#/brdf/asset", told);
-    let known = if is_sha256(asset) { service.store.asset(asset)? } else { None };
-    let known = known.ok_or_else(|| refuse("it does not name an uploaded asset".to_owned()))?;
-    if known.bytes > MOST_OPERATOR_BYTES {
-        return Err(refuse(format!("it has {} bytes: it is no operator", known.bytes)));
+    /// An operator that was uploaded, or that of a measured reflectance that was.
+    fn of_asset(&self, service: &Service, asset: &str, order: Order) -> Result<Reflector, Problem> {
+        let refuse = |told: String| Problem::field("#/brdf/asset", told);
+        let known = if is_sha256(asset) { service.store.asset(asset)? } else { None };
+        let known = known.ok_or_else(|| refuse("it does not name an uploaded asset".to_owned()))?;
+        if known.bytes > MOST_OPERATOR_BYTES {
+            return Err(refuse(format!("it has {} bytes: it is no operator", known.bytes)));
+        }
+        // The bytes, and what is read out of them.
+        let _held = service.answers.hold(2 * known.bytes)?;
+        let path = service.store.folder().asset(asset);
+        let bytes = pipeline::files::read(&path, known.bytes);
+        let bytes = bytes.map_err(|error| Problem::internal(&error))?;
+        if bytes.starts_with(&Merl::HEAD) {
+            let merl = Merl::from_bytes(&bytes).map_err(|error| refuse(error.to_string()))?;
+            drop(bytes);
+            return self.operator(asset, &Material::Measured(Arc::new(merl)), order);
+        }
+        if self.terms.is_some() {
+            let fault = "an uploaded operator has its own: leave it out";
+            return Err(Problem::field("#/brdf/terms", fault));
+        }
+        Reflector::from_bytes(&bytes).map_err(|error| refuse(error.to_string()))
     }
-    let path = service.store.folder().asset(asset);
-    let bytes = pipeline::files::read(&path, known.bytes);
-    let bytes = bytes.map_err(|error| Problem::internal(&error))?;
-    Reflector::from_bytes(&bytes).map_err(|error| refuse(error.to_string()))
 }

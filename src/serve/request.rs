@@ -219,7 +219,11 @@ impl JobRequest {
         let light = self.recipe.light.as_ref().map(|light| &light.source);
         let map = light.filter(|source| !pipeline::is_words(source));
         let map = map.map(|file| ("#/recipe/light/source", file));
-        for (pointer, file) in [Some(scene), occluders, receivers, map].into_iter().flatten() {
+        let brdf = self.recipe.light.as_ref().and_then(|light| light.brdf.as_ref());
+        let brdf = brdf.filter(|source| !pipeline::is_brdf_words(source));
+        let brdf = brdf.map(|file| ("#/recipe/light/brdf", file));
+        let named = [Some(scene), occluders, receivers, map, brdf];
+        for (pointer, file) in named.into_iter().flatten() {
             if !self.assets.contains_key(file) {
                 let known: Vec<&str> = self.assets.keys().map(String::as_str).collect();
                 let fault = format!("`{file}` is none of the job's assets, {}", known.join(", "));
@@ -284,6 +288,10 @@ impl JobRequest {
             && !pipeline::is_words(&light.source)
         {
             light.source = folder.join(&light.source).display().to_string();
+        }
+        let brdf = recipe.light.as_mut().and_then(|light| light.brdf.as_mut());
+        if let Some(brdf) = brdf.filter(|brdf| !pipeline::is_brdf_words(brdf)) {
+            *brdf = folder.join(&*brdf).display().to_string();
         }
         Job::open(&self.scene(folder), recipe)
     }

@@ -275,7 +275,7 @@ impl Stage<'_> {
         let tradeoff = pipeline::tradeoff(&dataset, &candidates, &self.watch)?;
         let mut parts = vec![("tradeoff.json", text(&tradeoff)?)];
         parts.extend(tradeoff.plots().map(|(name, svg)| (name, svg.into_bytes())));
-        parts.push((pipeline::REPORT, tradeoff.page().into_bytes()));
+        parts.push((pipeline::REPORT, tradeoff.page(None).into_bytes()));
         let files = self.keep(&parts)?;
         let result = json!({ "dataset": self.job.bake, "front": tradeoff.front, "files": files });
         Ok(Made { result, model: None })

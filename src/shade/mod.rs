@@ -26,7 +26,7 @@ pub use error::Error;
 pub use height_field::{HeightField, HorizonShadows, MOST_AZIMUTHS};
 pub use light::ShLight;
 #[cfg(feature = "bake")]
-pub use reflection::{Cosine, Factored, factor, factor_by};
+pub use reflection::{Colours, Cosine, Factored, Factoring, factor, factor_by};
 pub use reflection::{
     GlobalReflector, ReflectionOperator, Reflector, ReflectorError, ReflectorHeader, ShadedPoints,
 };

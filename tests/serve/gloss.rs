@@ -3,11 +3,12 @@
 
 use std::fs;
 
+use poselight::shade::{Brdf, Merl};
 use serde_json::{Value, json};
 
 use super::client::{Server, sha256};
 use super::kinds::finish;
-use super::{job, small};
+use super::{grpc, job, small};
 
 const LIGHT: &str = "cone:0.3,1,0.6,20:9,8,6";
 const BRDF: &str = "ggx:0.5,0.5";
@@ -39,6 +40,8 @@ fn light_is_reflected_towards_an_eye() {
     let missing = with(&recipe, "light", "source", json!("sky.hdr"));
     let request = job(&server, &missing);
     assert_eq!(refused(&server, "/v1/jobs", &request), "#/recipe/light/source");
+    let unknown = with(&recipe, "light", "brdf", json!("paint.binary"));
+    assert_eq!(refused(&server, "/v1/jobs", &job(&server, &unknown)), "#/recipe/light/brdf");
     let grained = with(&recipe, "light", "brdf", json!("ggx:0.5,0.1,0.5"));
     assert_eq!(refused(&server, "/v1/jobs", &job(&server, &grained)), "#/recipe/light/brdf");
     let done = finish(&server, &job(&server, &recipe));
@@ -57,6 +60,8 @@ fn light_is_reflected_towards_an_eye() {
         answer.body.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect()
     };
     let found = values(&body);
+    let towards = (LIGHT, BRDF, [0.5, 1.0, 3.0]);
+    grpc::reflects(&server, &model, towards, ("jump", &[0.0, 0.25], &found));
     let blob = server.get(&format!("{model}/blob"), &[]).body;
     fs::write(server.path("model.safetensors"), blob).expect("written");
     let words = ["evaluate", "model.safetensors", "--scene", "figure.glb", "--clip", "jump"];
@@ -81,6 +86,38 @@ fn light_is_reflected_towards_an_eye() {
     let listed = with(&body, "brdf", "eye", json!([-3.0, 1.0, 0.5]));
     assert!(values(&listed) != found, "the eye has no part in it");
     is_refused_at_its_field(&server, &path, &body, &digest);
+    let grained = with(&uploaded, "brdf", "terms", json!(4));
+    assert_eq!(refused(&server, &path, &grained), "#/brdf/terms");
+    measured(&server, &path, &body, values);
+}
+
+/// A reflectance measured in MERL's format, uploaded, reflects as the closed form that it was written
+/// from, a little less towards the horizon, which lies between a table's cells; one that is cut off is
+/// refused at its field.
+fn measured(server: &Server, path: &str, body: &Value, values: impl Fn(&Value) -> Vec<f32>) {
+    let paint = Brdf::Lambert { albedo: [0.5, 0.25, 0.75] };
+    let bytes = Merl::bytes_of(&paint);
+    let upload = |bytes: &[u8]| {
+        let digest = sha256(bytes);
+        let kept = server.put(&format!("/v1/assets/{digest}?name=paint.binary"), bytes, &[]);
+        assert_eq!(kept.status, 201, "{}", kept.text());
+        json!({ "asset": digest, "eye": [0.5, 1.0, 3.0] })
+    };
+    let with_brdf = |brdf: Value| {
+        let mut body = body.clone();
+        body["brdf"] = brdf;
+        body
+    };
+    let found = values(&with_brdf(upload(&bytes)));
+    let form = json!({ "form": "lambert:0.5,0.25,0.75", "eye": [0.5, 1.0, 3.0] });
+    let expected = values(&with_brdf(form));
+    let brightest = expected.iter().fold(0.0_f32, |m, x| m.max(*x));
+    let apart: Vec<f32> = found.iter().zip(&expected).map(|(a, b)| (a - b).abs()).collect();
+    let far = apart.iter().fold(0.0_f32, |m, x| m.max(*x));
+    let mean = apart.iter().sum::<f32>() / apart.len() as f32;
+    assert!(far < 0.06 * brightest && mean < 0.01 * brightest, "{far} {mean} {brightest}");
+    let cut = with_brdf(upload(&bytes[..40_000]));
+    assert_eq!(refused(server, path, &cut), "#/brdf/asset");
 }
 
 /// What cannot be reflected.

@@ -109,6 +109,51 @@ fn vanish(server: &Server, id: &str) {
     }
 }
 
+/// A light in words that a reflectance in words reflects towards an eye, over a clip and by joints, gives
+/// the values that HTTP gives; without a light, without an eye, and beside parameters it is refused.
+pub(crate) fn reflects(
+    server: &Server,
+    model: &str,
+    (light, brdf, eye): (&str, &str, [f32; 3]),
+    (name, times_s, expected): (&str, &[f32], &[f32]),
+) {
+    let id = model.rsplit('/').next().expect("an id");
+    let [x, y, z] = eye;
+    let asked = v1::Setup {
+        light: Some(v1::Light { form: light.to_owned(), ..v1::Light::default() }),
+        brdf: Some(v1::Brdf {
+            form: brdf.to_owned(),
+            eye: Some(v1::Vector { x, y, z }),
+            ..v1::Brdf::default()
+        }),
+        ..setup(id)
+    };
+    runtime().block_on(async {
+        let channel = channel(server).await;
+        let at = |time_s| At::Clip(v1::ClipTime { name: name.to_owned(), time_s });
+        let poses = times_s.iter().map(|&time_s| at(time_s)).collect();
+        let (lit, fault) = frames(&channel, asked.clone(), poses).await;
+        assert!(fault.is_none(), "{fault:?}");
+        let bytes: Vec<u8> = lit.iter().flat_map(|f| f.values.iter().copied()).collect();
+        let values: Vec<f32> =
+            bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+        assert!(values == expected, "not what HTTP gives");
+        let still = At::Joints(v1::Joints::default());
+        let (lit, fault) = frames(&channel, asked.clone(), vec![still]).await;
+        assert!(fault.is_none() && lit[0].shape.last() == Some(&3), "{fault:?}");
+        let brdf = asked.brdf.clone().expect("a reflectance");
+        let blind = v1::Brdf { eye: None, ..brdf };
+        for (setup, at) in [
+            (v1::Setup { light: None, ..asked.clone() }, at(0.0)),
+            (v1::Setup { brdf: Some(blind), ..asked.clone() }, at(0.0)),
+            (asked.clone(), At::Parameters(v1::Parameters::default())),
+        ] {
+            let (_, fault) = frames(&channel, setup, vec![at]).await;
+            assert_eq!(fault.map(|fault| fault.code()), Some(Code::InvalidArgument));
+        }
+    });
+}
+
 /// Times of a clip give the values that HTTP gives at them, without a scene being named; a clip that
 /// there is not, and a time that is none, are refused.
 pub(crate) fn plays(server: &Server, model: &str, name: &str, times_s: &[f32], expected: &[u8]) {

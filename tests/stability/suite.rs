@@ -10,6 +10,7 @@ use poselight::fit::{
     ClusteredSizes, Family, Fitted, Kept, MultilinearSizes, PointClusters, Ridge, Settings, fit,
 };
 use poselight::model::{Form, Frame};
+use poselight::num::lbfgs;
 
 /// A line of the page.
 pub(crate) struct Row {
@@ -338,6 +339,33 @@ fn neurons() -> Vec<Row> {
         let case = format!("a budget of {steps} steps");
         rows.push(row(case.clone(), F32, own(&parts, &hasty), 2e-5));
         rows.push(row(case, KEPT, kept(&hasty), 1.01));
+    }
+    rows.extend(bad_starts());
+    rows
+}
+
+/// The optimiser of the neurons by itself, from where nobody would begin.
+fn bad_starts() -> Vec<Row> {
+    const AWAY: &str = "distance to the minimum";
+    let valley = |x: &[f64], gradient: &mut [f64]| {
+        let (a, b) = (1.0 - x[0], x[1] - x[0] * x[0]);
+        (gradient[0], gradient[1]) = (-2.0 * a - 400.0 * x[0] * b, 200.0 * b);
+        a * a + 100.0 * b * b
+    };
+    let wall = |x: &[f64], gradient: &mut [f64]| {
+        gradient[0] = 1.0 - 1.0 / x[0];
+        if x[0] > 0.0 { x[0] - x[0].ln() } else { f64::NAN }
+    };
+    let away = |x: &[f64]| x.iter().map(|x| (x - 1.0).powi(2)).sum::<f64>().sqrt();
+    let mut rows = Vec::new();
+    for start in [[30.0, -50.0], [1e3, -1e6], [-1e4, 1e-8]] {
+        let found = lbfgs::minimise(start.to_vec(), 2000, valley);
+        let case = format!("a bent valley from ({:e}, {:e})", start[0], start[1]);
+        rows.push(row(case, AWAY, away(&found.x), 1e-6));
+    }
+    for start in [1e-8, 1e8] {
+        let found = lbfgs::minimise(vec![start], 500, wall);
+        rows.push(row(format!("NaN behind a wall, from {start:e}"), AWAY, away(&found.x), 1e-6));
     }
     rows
 }

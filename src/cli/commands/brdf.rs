@@ -7,13 +7,13 @@ use anyhow::{Context, bail, ensure};
 use serde_json::{Value, json};
 
 use crate::cli::Answer;
-use crate::cli::light_args::{BrdfArgs, CosineArg};
+use crate::cli::light_args::{BrdfArgs, ColoursArg, CosineArg};
 use crate::cli::units;
 use crate::pipeline::files;
 use crate::sh::Order;
 use crate::shade::{
-    BRDF_WORDS, Cosine, Examination, Factored, Material, Merl, Reflectance, Reflector,
-    brdf_of_words, examine, factor_by,
+    BRDF_WORDS, Colours, Cosine, Examination, Factored, Factoring, Material, Merl, Reflectance,
+    Reflector, brdf_of_words, examine, factor_by,
 };
 
 /// A MERL file has 35 MB.
@@ -35,11 +35,17 @@ pub(in crate::cli) fn brdf(args: &BrdfArgs) -> anyhow::Result<Answer> {
     for notice in &notices {
         tracing::warn!("{notice}");
     }
-    let cosine = match args.cosine {
-        CosineArg::Inside => Cosine::Inside,
-        CosineArg::Matrix => Cosine::Matrix,
+    let way = Factoring {
+        cosine: match args.cosine {
+            CosineArg::Inside => Cosine::Inside,
+            CosineArg::Matrix => Cosine::Matrix,
+        },
+        colours: match args.colours {
+            ColoursArg::Together => Colours::Together,
+            ColoursArg::Apart => Colours::Apart,
+        },
     };
-    let factored = factor_by(&source, order, source.nodes(), cosine)?;
+    let factored = factor_by(&source, order, source.nodes(), way)?;
     let most = factored[0].most_terms();
     ensure!(
         (1..=most).contains(&args.terms),
@@ -58,7 +64,7 @@ pub(in crate::cli) fn brdf(args: &BrdfArgs) -> anyhow::Result<Answer> {
     let reflector = Reflector::new(&args.source, &operators, errors);
     let bytes = reflector.to_bytes()?;
     files::publish(&args.output, &bytes)?;
-    let rows = if args.curve { curve(&source, cosine)? } else { Vec::new() };
+    let rows = if args.curve { curve(&source, way)? } else { Vec::new() };
     let worst = Errors::of(&factored, args.terms);
     Ok(answer(args, &reflector, (&found, worst, &rows), &notices))
 }
@@ -171,10 +177,10 @@ impl CurveRow {
 }
 
 /// The errors of up to 16 terms, for every order.
-fn curve(source: &Material, cosine: Cosine) -> anyhow::Result<Vec<CurveRow>> {
+fn curve(source: &Material, way: Factoring) -> anyhow::Result<Vec<CurveRow>> {
     (1..=10)
         .map(|order| {
-            let factored = factor_by(source, Order::new(order)?, source.nodes(), cosine)?;
+            let factored = factor_by(source, Order::new(order)?, source.nodes(), way)?;
             let most = factored[0].most_terms().min(16);
             let errors: Vec<Errors> = (1..=most).map(|k| Errors::of(&factored, k)).collect();
             Ok(CurveRow {

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use crate::cli::args::EvaluateArgs;
 use crate::cli::{Answer, files as arrays, light_source};
-use crate::model::{Model, Signal};
+use crate::model::{Frame, Model, Signal};
 use crate::pipeline::{self, GLOSS_LOBES, GLOSS_TERMS, Gloss, Light, Query, Scene, Valued};
 use crate::rig::{Part, Pose};
 use crate::sh::{Order, bent_normal};
@@ -47,7 +47,7 @@ pub(in crate::cli) fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Answer> {
     }
     arrays::write_npy(&args.output, &shape, &values)?;
     let turned = queries.iter().all(|query| query.is_turned(&model));
-    let frame = if turned { "root" } else { "bone" };
+    let frame = if turned { Frame::Root } else { model.header().frame };
     let mut text = format!(
         "{} {shape:?} in the {frame} frame; furthest from the training poses: {:.2} deviations within, {:.4} outside of their span",
         args.output.display(),
@@ -69,7 +69,7 @@ pub(in crate::cli) fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Answer> {
         "output": args.output,
         "shape": shape,
         "rows": rows.map(rows_of),
-        "frame": frame,
+        "frame": frame.name(),
         "mahalanobis_max": furthest.0,
         "residual_max": furthest.1,
         "outside_max": outside,

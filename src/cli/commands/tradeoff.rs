@@ -5,7 +5,8 @@ use serde_json::json;
 use crate::cli::Answer;
 use crate::cli::args::TradeoffArgs;
 use crate::dataset::Dataset;
-use crate::pipeline::{self, Checked, Range, Watch, files};
+use crate::pipeline::recipe::Recipe;
+use crate::pipeline::{self, Checked, Effort, Range, Watch, files};
 
 pub(in crate::cli) fn tradeoff(args: &TradeoffArgs, watch: &Watch) -> anyhow::Result<Answer> {
     let dataset = Dataset::open(&args.dataset)?;
@@ -27,7 +28,30 @@ pub(in crate::cli) fn tradeoff(args: &TradeoffArgs, watch: &Watch) -> anyhow::Re
     for (name, svg) in tradeoff.plots() {
         files::publish(&args.output.join(name), svg.as_bytes())?;
     }
-    files::publish(&args.output.join("report.html"), tradeoff.page().as_bytes())?;
-    let text = format!("{table}\n{}", args.output.join("report.html").display());
-    Ok(Answer::new(text, json!({ "output": args.output, "tradeoff": tradeoff })))
+    let effort = effort(args, &dataset, recipe, watch)?;
+    let page = tradeoff.page(effort.as_ref());
+    files::publish(&args.output.join("report.html"), page.as_bytes())?;
+    let efforts = effort.as_ref().map_or(String::new(), |effort| format!("\n{}", effort.table()));
+    let text = format!("{table}{efforts}\n{}", args.output.join("report.html").display());
+    let json = json!({ "output": args.output, "tradeoff": tradeoff, "effort": effort });
+    Ok(Answer::new(text, json))
+}
+
+/// What less than the data set has would do, where that is asked for.
+fn effort(
+    args: &TradeoffArgs,
+    dataset: &Dataset,
+    mut recipe: Recipe,
+    watch: &Watch,
+) -> anyhow::Result<Option<Effort>> {
+    let efforts = args.effort.edit(&mut recipe);
+    if !efforts.is_any() {
+        return Ok(None);
+    }
+    let scratch = args.output.join("fewer-rays");
+    let effort = pipeline::effort(dataset, &recipe, &efforts, &scratch, watch)?;
+    files::publish(&args.output.join("effort.json"), &serde_json::to_vec_pretty(&effort)?)?;
+    files::publish(&args.output.join("effort.txt"), effort.table().as_bytes())?;
+    files::publish(&args.output.join("effort.svg"), effort.plot().as_bytes())?;
+    Ok(Some(effort))
 }

@@ -19,8 +19,10 @@ use crate::sh::Order;
 pub(in crate::fit) struct Explained<'a> {
     pub(super) geometry: &'a Geometry<'a>,
     pub(super) kind: (Signal, Order),
-    /// `[pose, bone]`; none where coefficients stay in the root frame.
+    /// `[pose, bone]`; none where coefficients do not turn with bones.
     pub(super) rotations: Option<&'a [Quat]>,
+    /// Whether +Z is the normal.
+    in_tangent_frame: bool,
     pub(super) unshadowed: bool,
     pub(super) occluders: Option<Placed>,
 }
@@ -73,7 +75,9 @@ impl<'a> Explained<'a> {
     ) -> Self {
         let rotations = (settings.frame == Frame::Bone).then_some(turns);
         let kind = (geometry.signal, geometry.order);
-        Self { geometry, kind, rotations, unshadowed: settings.unshadowed, occluders: None }
+        let (unshadowed, in_tangent_frame) =
+            (settings.unshadowed, settings.frame == Frame::Tangent);
+        Self { geometry, kind, rotations, in_tangent_frame, unshadowed, occluders: None }
     }
 
     /// Also removes what these occluders block.
@@ -123,7 +127,10 @@ impl<'a> Explained<'a> {
         if self.unshadowed {
             let mut free = vec![0.0; count];
             for (lane, &point) in chunk.points.iter().enumerate() {
-                let normal = into_bone(turn, moved.normals[pose * points + point]);
+                let normal = match self.in_tangent_frame {
+                    true => Vec3::Z,
+                    false => into_bone(turn, moved.normals[pose * points + point]),
+                };
                 unshadowed(self.kind, normal, &mut free);
                 sums.iter_mut().zip(&free).for_each(|(sum, free)| sum[lane] = -free);
             }

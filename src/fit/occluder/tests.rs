@@ -68,6 +68,8 @@ impl Puppet {
             mesh: &self.mesh,
             points: &self.points,
             bones: &self.bones,
+            columns: vec![None],
+            tangents: None,
             poses: self.poses.iter().map(|pose| (pose, RigidFrame::IDENTITY)).collect(),
         }
     }

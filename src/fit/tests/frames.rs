@@ -69,7 +69,7 @@ fn stream_does_not_depend_on_what_is_in_flight() {
     let sizes = Sizes { poses: 40, parameters: 2, points: 900, coefficients: 4 };
     let training = Training::in_memory(synthetic(sizes, 0.2, 3));
     let read = |in_flight: usize| {
-        let source = Source::new(&training, Frame::Bone).unwrap().with_in_flight(in_flight);
+        let source = Source::new(&training, Frame::Bone, None).unwrap().with_in_flight(in_flight);
         let (mut values, mut points) = (Vec::new(), 0);
         source
             .map_fold(

@@ -7,6 +7,7 @@ mod frames;
 mod left_out;
 mod local;
 mod shared;
+mod tangents;
 
 use glam::Quat;
 

@@ -37,8 +37,8 @@ pub fn html(input: &ReportInput<'_>) -> String {
         section("Where it errs", "", &facts::worst(input)),
         section(
             "Beside the truth",
-            "The model, the same pose by rays at every pixel, and how far they are apart: ambient \
-             occlusion of the split above, in the frames where the model is worst, middling and best.",
+            "The model, the same pose by rays at every pixel, and how far they are apart, in the frames of \
+             the split above where its ambient occlusion is worst, middling and best.",
             &stills::figures(&input.stills),
         ),
         section(curves_heading(input), curves_lead(input), &curve::figures(input.measured)),

@@ -71,6 +71,7 @@ fn settings(signal: Signal, bands: u8, points: usize, name: &str) -> Settings {
             candidate("mean", Kind::Baseline),
         ],
         frame_s: 1.0 / 30.0,
+        on_trained: false,
         reference_rays: Some(4000),
     }
 }

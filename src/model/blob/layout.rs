@@ -20,6 +20,7 @@ pub(super) const DIRECTIONS: &str = "encoder.directions";
 pub(super) const POINT_OF_VERTEX: &str = "map.point_of_vertex";
 pub(super) const ROW_OF_POINT: &str = "map.row_of_point";
 pub(super) const CLUSTER_OF_POINT: &str = "map.cluster_of_point";
+pub(super) const TANGENTS: &str = "tangents";
 pub(super) const BONE_OF_POINT: &str = "map.bone_of_point";
 pub(super) const OCCLUDER_WEIGHTS: &str = "occluder.weights";
 pub(super) const OCCLUDER_OFFSETS: &str = "occluder.offsets";
@@ -277,7 +278,8 @@ pub(super) fn sizes(model: &Model, precision: Precision) -> Sizes {
     };
     let bones = model.bone_of_point().len() * index_dtype(header.rig.bones.len()).1;
     sizes.directions = 4 * header.training.directions.len() as u64;
-    sizes.maps = (points + bones + own_map) as u64;
+    let tangents = 3 * model.tangents().len();
+    sizes.maps = (points + bones + tangents + own_map) as u64;
     if let Some(mesh) = model.rest() {
         let tensors = super::rest::tensors(mesh, header.rig.nodes.len());
         sizes.rest = tensors.iter().map(|(_, tensor)| tensor.bytes.len() as u64).sum();

@@ -16,8 +16,8 @@ use super::super::{
 use super::layout::{
     BASIS, BONE_OF_POINT, CLUSTER_OF_POINT, COEFFICIENTS, DIRECTIONS, Detail, Entry, MEAN,
     OCCLUDER_ANCHORS, OCCLUDER_GROUPS, OCCLUDER_OFFSETS, OCCLUDER_RADII, OCCLUDER_SHAPES,
-    POINT_OF_VERTEX, PROJECTION, ROW_OF_POINT, cluster_name, decoder, entries, index_dtype,
-    number_dtype, occluder_weights,
+    POINT_OF_VERTEX, PROJECTION, ROW_OF_POINT, TANGENTS, cluster_name, decoder, entries,
+    index_dtype, number_dtype, occluder_weights,
 };
 use super::quantise::{decode, f32_values, index_values};
 
@@ -55,11 +55,19 @@ pub(super) fn read(bytes: &[u8]) -> Result<Model, Error> {
         false => tensors.indices(POINT_OF_VERTEX, &[vertices], shape.points)?,
     };
     let bone_of_point = match header.frame {
-        Frame::Root => Vec::new(),
+        Frame::Root | Frame::Tangent => Vec::new(),
         Frame::Bone => {
             let bones = tensors.indices(BONE_OF_POINT, &[shape.points], header.rig.bones.len())?;
             // More bones than 16 bits name would have been refused with the header.
             bones.into_iter().map(|bone| bone as u16).collect()
+        }
+    };
+    let tangents = match header.frame {
+        Frame::Root | Frame::Bone => None,
+        Frame::Tangent => {
+            let bytes = tensors.take(TANGENTS, Dtype::I8, &[shape.points, 3])?;
+            let three = |bytes: &[u8; 3]| bytes.map(|byte| i8::from_le_bytes([byte]));
+            Some(bytes.as_chunks().0.iter().map(three).collect())
         }
     };
     let map = own_map(&detail, &shape, &mut tensors)?;
@@ -74,6 +82,10 @@ pub(super) fn read(bytes: &[u8]) -> Result<Model, Error> {
     tensors.finish()?;
     let decoder = decoder(header.family, &detail, arrays, map);
     let model = Model::new(header, decoder, point_of_vertex, bone_of_point)?;
+    let model = match tangents {
+        None => model,
+        Some(tangents) => model.with_tangents(tangents)?,
+    };
     let model = match occluders {
         None => model,
         Some(occluders) => model.with_occluders(occluders)?,

@@ -10,8 +10,8 @@ use super::super::occluder::ANCHORS;
 use super::super::{Error, Header, Model, Precision};
 use super::layout::{
     BONE_OF_POINT, DIRECTIONS, Detail, OCCLUDER_ANCHORS, OCCLUDER_GROUPS, OCCLUDER_OFFSETS,
-    OCCLUDER_RADII, OCCLUDER_SHAPES, POINT_OF_VERTEX, arrays, entries, index_dtype, number_dtype,
-    occluder_weights, own_map,
+    OCCLUDER_RADII, OCCLUDER_SHAPES, POINT_OF_VERTEX, TANGENTS, arrays, entries, index_dtype,
+    number_dtype, occluder_weights, own_map,
 };
 use super::quantise::{encode, f32_bytes, index_bytes};
 
@@ -79,6 +79,7 @@ fn tensors(model: &Model, precision: Precision) -> Result<Vec<(String, Tensor)>,
         let bytes = f32_bytes(directions);
         tensors.push((DIRECTIONS.to_owned(), Tensor { dtype: Dtype::F32, shape, bytes }));
     }
+    tensors.extend(tangents(model));
     let mut index = |name: &str, below, shape: Vec<usize>, indices: Vec<u32>| {
         let (dtype, size) = index_dtype(below);
         let bytes = index_bytes(indices.into_iter(), size);
@@ -118,4 +119,12 @@ fn tensors(model: &Model, precision: Precision) -> Result<Vec<(String, Tensor)>,
         tensors.extend(own.into_iter().map(|(name, tensor)| (name.to_owned(), tensor)));
     }
     Ok(tensors)
+}
+
+/// Of a model in the tangent frame.
+fn tangents(model: &Model) -> Option<(String, Tensor)> {
+    let tangents = model.tangents();
+    let bytes: Vec<u8> = tangents.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect();
+    let tensor = Tensor { dtype: Dtype::I8, shape: vec![tangents.len(), 3], bytes };
+    (!tangents.is_empty()).then(|| (TANGENTS.to_owned(), tensor))
 }

@@ -78,6 +78,9 @@ pub struct Surface<'a> {
     pub positions: &'a [Vec3],
     /// Unit shading normals.
     pub normals: &'a [Vec3],
+    /// Unit tangents at right angles to the normals; only looked at where the model's frame is the
+    /// tangent frame, and empty else.
+    pub tangents: &'a [Vec3],
 }
 
 impl Occluders {

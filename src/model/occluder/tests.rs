@@ -101,7 +101,7 @@ fn posed(model: &Model, surface: Surface<'_>, turns: &[Quat]) -> Vec<f32> {
 #[test]
 fn evaluation_is_the_definition() {
     let (positions, normals) = synthetic::surface();
-    let surface = Surface { positions: &positions, normals: &normals };
+    let surface = Surface { positions: &positions, normals: &normals, tangents: &[] };
     for signal in [Signal::Transfer, Signal::Visibility] {
         let model = synthetic::occluded(Family::PcaLinear, signal);
         let kind = (signal, model.header().sh_order());
@@ -157,9 +157,9 @@ fn passing_over_changes_nothing() {
         ..Occluders::default()
     };
     let seen = Seen::new(&occluders, &bones);
-    let surface = Surface { positions: &positions, normals: &normals };
+    let surface = Surface { positions: &positions, normals: &normals, tangents: &[] };
     let elsewhere: Vec<Vec3> = positions.iter().rev().copied().collect();
-    let warm = Surface { positions: &elsewhere, normals: &normals };
+    let warm = Surface { positions: &elsewhere, normals: &normals, tangents: &[] };
     let scalar = (Signal::Ao, Order::new(1).unwrap());
     seen.subtract(&occluders, &centres, warm, scalar, &mut vec![0.0; points]);
     for signal in [Signal::Ao, Signal::Transfer, Signal::Visibility] {
@@ -207,13 +207,18 @@ fn passing_over_changes_nothing() {
 fn occlusion_is_bounded_and_turns_with_the_character() {
     let model = synthetic::occluded(Family::Linear, Signal::Ao);
     let (positions, normals) = synthetic::surface();
-    let before = posed(&model, Surface { positions: &positions, normals: &normals }, &rotations());
+    let before = posed(
+        &model,
+        Surface { positions: &positions, normals: &normals, tangents: &[] },
+        &rotations(),
+    );
     assert!(before.iter().all(|x| (0.0..=1.0).contains(x)));
     let turn = Quat::from_euler(glam::EulerRot::XYZ, 0.4, 1.0, -2.0);
     let turned = |vectors: &[Vec3]| -> Vec<Vec3> { vectors.iter().map(|&v| turn * v).collect() };
     let (positions, normals) = (turned(&positions), turned(&normals));
     let turns: Vec<Quat> = rotations().iter().map(|&bone| turn * bone).collect();
-    let after = posed(&model, Surface { positions: &positions, normals: &normals }, &turns);
+    let after =
+        posed(&model, Surface { positions: &positions, normals: &normals, tangents: &[] }, &turns);
     for (a, b) in before.iter().zip(&after) {
         assert!((a - b).abs() < 1e-5, "{a} {b}");
     }
@@ -289,7 +294,7 @@ fn bad_occluders_and_missing_meshes_are_errors() {
     assert!(matches!(error, Error::NeedsSurface { .. }), "{error}");
     assert!(matches!(model.fold(&[1.0], &turns), Err(Error::NeedsSurface { .. })));
     let far = vec![Vec3::NAN; model.shape().points];
-    let surface = Some(Surface { positions: &far, normals: &far });
+    let surface = Some(Surface { positions: &far, normals: &far, tangents: &[] });
     let error = model.evaluate_posed(&PosedInput { surface, ..input }, &mut out).unwrap_err();
     assert!(matches!(error, Error::NotFinite { .. }), "{error}");
 }

@@ -6,6 +6,9 @@ use crate::pipeline::recipe::{Recipe, SignalName};
 use crate::sh::Order;
 use crate::shade::{Reflectance, brdf_of_words, light_of_words};
 
+/// What the names of files in MERL's format end in.
+const MERL_ENDING: &str = ".binary";
+
 /// Whether pictures of what is baked can be lit so.
 pub(super) fn checked_light(recipe: &Recipe) -> Result<(), RecipeError> {
     let Some(light) = &recipe.light else { return Ok(()) };
@@ -37,8 +40,9 @@ pub(super) fn checked_light(recipe: &Recipe) -> Result<(), RecipeError> {
     let says = "a reflectance meets `visibility`: set `bake.signal` to it, or leave the brdf out";
     require(signal == SignalName::Visibility, "light.brdf", brdf, says)?;
     let says = "it must be lambert:ALBEDO, phong:DIFFUSE,SPECULAR,EXPONENT, ggx:F0,ALPHA or \
-                ashikhmin-shirley:DIFFUSE,SPECULAR,N,N, isotropic";
+                ashikhmin-shirley:DIFFUSE,SPECULAR,N,N, isotropic, or a MERL file (.binary)";
     match brdf_of_words(brdf) {
+        None if brdf.ends_with(MERL_ENDING) => Ok(()),
         None => Err(error("light.brdf", format!("`{brdf}`"), says)),
         Some(Err(fault)) => Err(error("light.brdf", format!("`{brdf}`, which {fault}"), says)),
         Some(Ok(read)) => require(read.is_isotropic(), "light.brdf", brdf, says),
@@ -64,6 +68,7 @@ mod tests {
         let gloss = |brdf: &str| LightRecipe { brdf: Some(brdf.to_owned()), ..base() };
         check(SignalName::Transfer, base()).expect("sound");
         check(SignalName::Visibility, gloss("ggx:0.5,0.3")).expect("sound");
+        check(SignalName::Visibility, gloss("gold-metallic.binary")).expect("sound");
         let map = LightRecipe { source: "sky.hdr".into(), ..base() };
         check(SignalName::Transfer, map).expect("sound");
         let refused = |signal, light| check(signal, light).expect_err("refused").field;

@@ -1,13 +1,14 @@
 use super::*;
-use crate::pipeline::recipe::{FamilyName, Recipe, SignalName};
+use crate::pipeline::recipe::surroundings::GroundRecipe;
+use crate::pipeline::recipe::{FamilyName, FrameName, Recipe, SignalName};
 use crate::pipeline::{Job, Watch, bake, fit, open_dataset};
 use crate::render::Tone;
 use crate::scene::{Limits, Source, import_sources};
 use crate::shade::{Brdf, Material, ShLight};
 use crate::trace::shapes::sphere;
 
-/// A ball that floats over the ground, with its mean visibility by a bake.
-fn model() -> (Scene, Model) {
+/// A ball, over ground but in the bone frame, with its mean visibility by a bake.
+fn model(frame: FrameName) -> (Scene, Model) {
     let (positions, triangles) = sphere(2);
     let mut text = String::new();
     for p in &positions {
@@ -22,7 +23,10 @@ fn model() -> (Scene, Model) {
     };
     let mut recipe = Recipe::default();
     (recipe.bake.signal, recipe.bake.order, recipe.bake.rays) = (SignalName::Visibility, 3, 16);
-    recipe.fit.family = FamilyName::Mean;
+    (recipe.fit.family, recipe.fit.frame) = (FamilyName::Mean, frame);
+    // Without anything around it a ball is open in every frame.
+    let ground = (frame != FrameName::Bone).then_some(GroundRecipe::Lowest);
+    recipe.bake.surroundings.ground = ground;
     let job = Job::new(import(), None, recipe).expect("a job");
     let folder = tempfile::tempdir().expect("temporary folder");
     let path = folder.path().join("ball.zarr");
@@ -37,7 +41,7 @@ fn model() -> (Scene, Model) {
 /// settings out of range are refused by name.
 #[test]
 fn cast_shadows_come_near_the_truth() {
-    let (scene, model) = model();
+    let (scene, model) = model(FrameName::Bone);
     let order = model.header().sh_order();
     let light = ShLight::cone(order, [0.6, 0.8, 0.0], 0.5, [3.0; 3]).expect("light");
     let place = |x: f32, clip: Option<&str>| CrowdPlace {
@@ -93,4 +97,49 @@ fn the_floor_hides_the_lower_half() {
     let at_zenith: f32 = upper.iter().zip(&y).map(|(u, y)| u * y).sum();
     // 1/2 + 3/4 − 7/16: what four bands make of 1.
     assert!((at_zenith - 0.8125).abs() < 1e-5, "{at_zenith}");
+}
+
+/// A model in the tangent frame has the values of one in the root frame, by the scene's mesh and by its own
+/// alike; and its visibility, which meets the operator as it is, reflects as that of the other does, which is
+/// rotated into every vertex's frame first. Parameters alone give it in its own frame, which no light meets.
+#[test]
+fn the_tangent_frame_reflects_as_the_root_frame() {
+    let (scene, root) = model(FrameName::Root);
+    let (_, tangent) = model(FrameName::Tangent);
+    assert!(tangent.turns_with_tangents() && tangent.tangents().len() == root.shape().points);
+    let pose = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
+    let order = root.header().sh_order();
+    let light = ShLight::cone(order, [0.6, 0.8, 0.0], 0.5, [3.0, 2.0, 1.0]).expect("light");
+    let brdf = Material::from(Brdf::Ggx { normal_reflectance: [0.9, 0.5, 0.2], alpha: [0.5; 2] });
+    let operators = factor(&brdf, order, 16).expect("factored").map(|o| o.operator(5));
+    let eye = Vec3::new(1.0, 2.0, 2.0);
+    let of = |model: &Model, points: rig::Points| {
+        let mesh = scene.mesh.subset(&points.vertex);
+        let own = model.clone().with_rest(mesh).expect("its points");
+        let reflector = Reflector::new("gold", &operators, [0.0; 3]);
+        let gloss = Gloss::new(model, &light, reflector, 3).expect("a gloss");
+        [model, &own].map(|model| {
+            let query = Query::from_pose(model, &scene, &pose).expect("a pose");
+            let (mut values, mut lit) = (Vec::new(), Vec::new());
+            query.values(model, None, None, &mut values).expect("values");
+            let posed = query.posed(model, Some(&scene)).expect("a mesh");
+            posed.reflected(model, (&gloss, eye, None), None, &mut lit).expect("reflected");
+            (values, lit)
+        })
+    };
+    let points = || rig::Points::merge(&scene.mesh);
+    let [(values, lit), _] = of(&root, points());
+    for (found, shaded) in of(&tangent, points()) {
+        let apart = |a: &[f32], b: &[f32]| {
+            assert_eq!(a.len(), b.len());
+            a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+        };
+        assert!(apart(&values, &found) < 1e-4 && values.iter().any(|x| *x > 1.0));
+        assert!(apart(&lit, &shaded) < 1e-4 && lit.iter().any(|x| *x > 0.05));
+    }
+    let alone = Query::from_parameters(&tangent, &[]).expect("no parameters");
+    assert!(!alone.is_turned(&tangent));
+    let mut own = Vec::new();
+    alone.values(&tangent, None, None, &mut own).expect("its own frame");
+    assert!(own.len() == values.len() && own != values);
 }

@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use glam::Vec3;
 
-use crate::model::{self, JointPose, Model};
+use crate::model::{self, JointPose, Model, PosedPoints};
 use crate::rig::{Deformed, Mesh, Points, Pose, RigidFrame, Skeleton, deform};
 use crate::scene::Scene;
 
@@ -70,7 +70,7 @@ impl Shape {
         };
         let name = |node: usize| model.header().rig.nodes[node].name.clone();
         let weights = (0..posed.positions.len()).map(|v| Weights::of(mesh, v, &name)).collect();
-        let Deformed { positions, normals } = posed;
+        let PosedPoints { positions, normals, .. } = posed;
         Ok(Some(Self { positions, normals, weights, edges: HashSet::new() }))
     }
 

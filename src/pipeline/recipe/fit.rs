@@ -42,7 +42,8 @@ pub struct FitRecipe {
     /// have where that is fewer.
     pub inputs: Option<u32>,
     /// Output dimensions that `pca-linear` keeps, 1 to 4096. When absent 22, or as many as the data
-    /// have where that is fewer.
+    /// have where that is fewer; of `occluder` with harmonics as many as these have coefficients, where
+    /// that is more.
     pub outputs: Option<u32>,
     /// Instead of `inputs`: the share of the pose variance that `pca-linear` keeps, in (0, 1].
     pub retain_inputs: Option<f64>,
@@ -79,6 +80,11 @@ pub struct FitRecipe {
     /// accurate. When absent 0 for ambient occlusion, else 256.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub directions: Option<u32>,
+    /// Of `linear`: how far a joint may be from the points that it matters to, as a share of the mesh's size,
+    /// above 0 to 100; weights of joints farther away are held to 0. When absent every joint may matter to
+    /// every point.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub local: Option<f64>,
     /// Distance, in typical ones of training poses, beyond which a pose is drawn towards the mean
     /// pose: 0 to 1000. When absent poses are taken as they are; a choice by target finds its own.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -123,6 +129,7 @@ impl Default for FitRecipe {
             spheres: None,
             groups: None,
             directions: None,
+            local: None,
             reach: None,
             include_rest: false,
             without: Vec::new(),
@@ -173,6 +180,9 @@ pub enum FrameName {
     Root,
     /// Each vertex's dominant bone.
     Bone,
+    /// Each vertex's own: +Z its normal, +X a tangent that the skin carries. Reflection needs no
+    /// rotation there; values in the root frame need the posed mesh.
+    Tangent,
 }
 
 /// Ways to choose the regularisation.

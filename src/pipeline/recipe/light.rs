@@ -22,9 +22,13 @@ pub struct LightRecipe {
     pub window: Option<WindowRecipe>,
     /// An isotropic reflectance, for the signal `visibility`: `lambert:ALBEDO`,
     /// `phong:DIFFUSE,SPECULAR,EXPONENT`, `ggx:F0,ALPHA` or `ashikhmin-shirley:DIFFUSE,SPECULAR,N,N`;
-    /// white when absent.
+    /// or the name of a file in the binary format of MERL (`.binary`), of which only the name remains in
+    /// a stored recipe; white when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub brdf: Option<String>,
+    /// SHA-256 of that file, in hexadecimal; filled in when the recipe is resolved.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub brdf_sha256: Option<String>,
     /// Terms of the reflectance's operator, 1 to the square of the bake's order.
     pub terms: u32,
     /// Zonal lobes that stand for the light where it is reflected, 1 to 8.
@@ -39,6 +43,7 @@ impl Default for LightRecipe {
             turn_degrees: 0.0,
             window: None,
             brdf: None,
+            brdf_sha256: None,
             terms: 8,
             lobes: 8,
         }

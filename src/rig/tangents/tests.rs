@@ -117,3 +117,40 @@ fn frames_and_directions_are_sound() {
         .collect();
     assert!(longest(&places).dot(axis).abs() > 0.99);
 }
+
+/// Bytes keep tangents to half a degree, and what is made of them again are the same bytes; a mesh
+/// whose space is turned against the scene's at rest carries them as any other does.
+#[test]
+fn tangents_are_kept_in_bytes() {
+    let (skeleton, mesh) = tube(true);
+    let rest = tangents_at_rest(&skeleton, &mesh);
+    let bytes = tangents_to_bytes(&rest);
+    let read = tangents_from_bytes(&bytes);
+    assert_eq!(tangents_to_bytes(&read), bytes);
+    for (a, b) in rest.iter().zip(&read) {
+        assert!(a.angle_between(*b) < 0.5_f32.to_radians(), "{a} {b}");
+    }
+    let turn = Affine3A::from_rotation_x(0.7);
+    let mut turned = mesh.clone();
+    turned.deformers.iter_mut().for_each(|d| d.inverse_bind *= turn.inverse());
+    turned.positions.iter_mut().for_each(|p| *p = turn.transform_point3(*p));
+    turned.normals.iter_mut().for_each(|n| *n = turn.transform_vector3(*n));
+    let mut pose = Pose::rest(&skeleton, &[]);
+    pose.local[1].rotation = Quat::from_rotation_z(0.8);
+    let globals = skeleton.globals(&pose.local);
+    let of = |mesh: &Mesh| {
+        let (mut out, mut found) = (Deformed::default(), Vec::new());
+        deform(mesh, &globals, &pose.weights, RigidFrame::IDENTITY, &mut out);
+        let carried = Tangents::of(&skeleton, mesh, &read);
+        carried.pose(mesh, &globals, RigidFrame::IDENTITY, &out.normals, &mut found);
+        let some: Vec<u32> = (0..mesh.positions.len() as u32).step_by(7).collect();
+        let (mut few, normals) = (Vec::new(), some.iter().map(|&v| out.normals[v as usize]));
+        let (subset, normals) = (mesh.subset(&some), normals.collect::<Vec<_>>());
+        carried.subset(&some).pose(&subset, &globals, RigidFrame::IDENTITY, &normals, &mut few);
+        assert!(few.iter().zip(&some).all(|(a, &v)| (*a - found[v as usize]).length() < 1e-6));
+        found
+    };
+    for (a, b) in of(&mesh).iter().zip(of(&turned)) {
+        assert!((*a - b).length() < 1e-4, "{a} {b}");
+    }
+}

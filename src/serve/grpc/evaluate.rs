@@ -9,16 +9,18 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use futures_util::{Stream, stream};
+use glam::Vec3;
 use tokio::sync::watch;
 use tonic::{Request, Response, Status, Streaming};
 
 use super::status::of_problem;
 use super::v1::{self, evaluation_server, pose};
 use crate::model::Model;
-use crate::pipeline::{Light, Query, Scene};
+use crate::pipeline::{Gloss, Light, Query, Scene};
 use crate::serve::Service;
 use crate::serve::answer::{blocking, is_sha256};
 use crate::serve::evaluate::Asked;
+use crate::serve::gloss::BrdfRequest;
 use crate::serve::lights::LightRequest;
 use crate::serve::poses::{
     JointRequest, PoseRequest, check_time, needs_scene, of_positions, refused,
@@ -61,6 +63,8 @@ struct Subject {
     id: String,
     model: Arc<Model>,
     light: Option<Arc<Light>>,
+    /// What reflects it, and towards where.
+    gloss: Option<(Arc<Gloss>, Vec3)>,
     /// The scene that is named.
     scene: Option<Arc<Scene>>,
     vertices: Option<Vec<u32>>,
@@ -127,13 +131,22 @@ impl Subject {
         let id = setup.model;
         let model = if is_sha256(&id) { service.hot.model(service, &id)? } else { None };
         let model = model.ok_or_else(|| Problem::not_found("model"))?;
-        let light = setup.light.map(|light| light_request(light).on(service, &id, &model));
+        let light = setup.light.map(light_request);
+        let gloss = setup.brdf.map(|brdf| {
+            let brdf = brdf_request(brdf)?;
+            brdf.gloss(service, (&id, &model), light.as_ref())
+        });
+        let gloss = gloss.transpose()?;
+        // A light that is reflected shades nothing by itself.
+        let light = light.filter(|_| gloss.is_none());
+        let light = light.map(|light| light.on(service, &id, &model));
         let scene = setup.scene.map(|scene| {
             let file = Some(scene.file).filter(|file| !file.is_empty());
             SceneRequest { assets: scene.assets, file }.open(service, "setup.scene")
         });
         let vertices = Some(setup.vertices).filter(|vertices| !vertices.is_empty());
-        Ok(Self { light: light.transpose()?, scene: scene.transpose()?, id, model, vertices })
+        let (light, scene) = (light.transpose()?, scene.transpose()?);
+        Ok(Self { light, gloss, scene, id, model, vertices })
     }
 
     /// The scene that is named or that the model was made of.
@@ -151,10 +164,22 @@ impl Subject {
 
     fn query(&self, service: &Service, at: Option<pose::At>) -> Result<Query, Problem> {
         let model = &self.model;
+        let reflects = self.gloss.is_some();
+        if reflects && matches!(at, Some(pose::At::Parameters(_) | pose::At::Positions(_))) {
+            let fault =
+                "a `brdf` wants poses by `joints` or `clip`, which tell where the surface is";
+            return Err(Problem::field("at", fault));
+        }
+        let posed = |query: Query, scene: Option<&Scene>| match reflects {
+            true => query.posed(model, scene),
+            false => Ok(query),
+        };
         let (field, query) = match at {
             Some(pose::At::Joints(joints)) => {
-                let scene = self.scene_if(service, needs_scene(model))?;
-                ("joints", pose_request(joints).query(model, scene.as_deref()))
+                let needed = needs_scene(model) || (reflects && model.rest().is_none());
+                let scene = self.scene_if(service, needed)?;
+                let query = pose_request(joints).query(model, scene.as_deref());
+                ("joints", query.and_then(|query| posed(query, scene.as_deref())))
             }
             Some(pose::At::Parameters(row)) => {
                 ("parameters", Query::from_parameters(model, &row.values))
@@ -166,7 +191,8 @@ impl Subject {
             Some(pose::At::Clip(clip)) => {
                 check_time(clip.time_s).map_err(|fault| Problem::field("clip.time_s", fault))?;
                 let scene = self.scene(service)?;
-                ("clip", Query::of_clip(model, &scene, &clip.name, clip.time_s))
+                let query = Query::of_clip(model, &scene, &clip.name, clip.time_s);
+                ("clip", query.and_then(|query| posed(query, Some(&scene))))
             }
             None => {
                 let fault = "give one of `joints`, `parameters`, `positions` and `clip`";
@@ -180,7 +206,7 @@ impl Subject {
         let asked = Asked {
             model: &self.model,
             light: self.light.as_deref(),
-            gloss: None,
+            gloss: self.gloss.as_ref().map(|(gloss, eye)| (&**gloss, *eye)),
             light_at: "setup.light",
             vertices: self.vertices.as_deref(),
         };
@@ -190,7 +216,11 @@ impl Subject {
 }
 
 fn frame(index: u64, values: &Values) -> v1::Frame {
-    let axes = if values.frame == "root" { v1::Axes::Root } else { v1::Axes::Bone };
+    let axes = match values.frame {
+        "root" => v1::Axes::Root,
+        "tangent" => v1::Axes::Tangent,
+        _ => v1::Axes::Bone,
+    };
     let distance = values.distances.first();
     v1::Frame {
         index,
@@ -208,9 +238,22 @@ fn light_request(light: v1::Light) -> LightRequest {
     LightRequest {
         coefficients: Some(colours).filter(|colours| !colours.is_empty()),
         asset: Some(light.asset).filter(|asset| !asset.is_empty()),
-        form: None,
+        form: Some(light.form).filter(|form| !form.is_empty()),
         turn_degrees: light.turn_degrees,
     }
+}
+
+fn brdf_request(brdf: v1::Brdf) -> Result<BrdfRequest, Problem> {
+    let given = |text: String| Some(text).filter(|text| !text.is_empty());
+    let count = |number: u32| Some(number as usize).filter(|&number| number > 0);
+    let eye = brdf.eye.ok_or_else(|| Problem::field("#/brdf/eye", "it must be given"))?;
+    Ok(BrdfRequest {
+        form: given(brdf.form),
+        asset: given(brdf.asset),
+        eye: [eye.x, eye.y, eye.z],
+        terms: count(brdf.terms),
+        lobes: count(brdf.lobes),
+    })
 }
 
 fn pose_request(joints: v1::Joints) -> PoseRequest {

@@ -48,12 +48,18 @@ pub struct Merl {
 }
 
 impl Merl {
+    /// What every file begins with: its counts.
+    pub const HEAD: [u8; 12] = [90, 0, 0, 0, 90, 0, 0, 0, 180, 0, 0, 0];
+
+    /// The bytes of every file: 35 MB.
+    pub const BYTES: usize = 12 + 3 * CELLS * 8;
+
     /// Reads a file's bytes.
     ///
     /// # Errors
     /// [`MerlError`].
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, MerlError> {
-        let expected = 12 + 3 * CELLS * 8;
+        let expected = Self::BYTES;
         let (head, body) = bytes.split_at(bytes.len().min(12));
         let counts: Vec<u32> =
             head.as_chunks::<4>().0.iter().map(|b| u32::from_le_bytes(*b)).collect();

@@ -5,17 +5,15 @@
 //! operator can hold, so the k factors kept are the best k there are (Eckart and Young), all n² of
 //! them are exact, and the matrix to be decomposed has n² columns instead of thousands.
 
-use std::f64::consts::{PI, TAU};
+mod project;
 
 use faer::Mat;
 
 use super::ReflectionOperator;
 use crate::num::linalg::{NoConvergence, product, rows_of, symmetric_eigen, thin_svd};
-use crate::sh::{
-    MAX_BANDS, MAX_COEFFICIENTS, Order, cosine_product_pole, evaluate_f64, gauss_legendre,
-    hemisphere_gram_pole,
-};
+use crate::sh::{MAX_BANDS, Order, cosine_product_pole, hemisphere_gram_pole};
 use crate::shade::brdf::Reflectance;
+use project::{Projected, anisotropic, isotropic};
 
 /// Functions of the view that are smaller than this over the upper hemisphere, squared and beside
 /// their size over the sphere, are left to the lower one.
@@ -29,10 +27,10 @@ const NOTHING: f64 = 1e-10;
 pub struct Factored {
     order: Order,
     light_order: Order,
-    /// `[b][i]`, all of them, strongest first; view factors have norm 1 over the hemisphere.
+    /// `[b][i]`, all of them, strongest first.
     light: Vec<f64>,
     view: Vec<f64>,
-    /// Singular values.
+    /// ‖U_b W_b‖ of each term, which are orthogonal.
     strengths: Vec<f64>,
     /// ∫∫ (f cos θ_i)² dω_i dω_o.
     energy: f64,
@@ -53,6 +51,26 @@ pub enum Cosine {
     /// there, and visibility meets the cosine's own product matrix first (eq. 14): L = l · (M_b C v).
     /// What is lost is that C v has n bands only.
     Matrix,
+}
+
+/// Whose light factors the colours are given.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Colours {
+    /// The same for all, so that they share their matrices: a third of the bytes and of the time of
+    /// shading. The best such factors, every colour counting by its shares alone.
+    #[default]
+    Together,
+    /// Each its own, the best for as many terms.
+    Apart,
+}
+
+/// How a reflectance is factored.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Factoring {
+    /// Where the cosine goes.
+    pub cosine: Cosine,
+    /// Whose light factors they are.
+    pub colours: Colours,
 }
 
 impl Factored {
@@ -83,13 +101,15 @@ impl Factored {
         self.strengths.iter().take(terms).map(|s| s * s).sum()
     }
 
-    /// The most terms that there can be: n².
+    /// The most terms that an operator takes: n². Colours of which each has all of its own are exact
+    /// with them, to [`Factored::band_limit`]; colours that share theirs are not quite.
     #[must_use]
     pub fn most_terms(&self) -> usize {
-        self.strengths.len()
+        self.strengths.len().min(self.order.coefficients())
     }
 
-    /// The terms of which any colour has more than rounding: 1 for Lambert.
+    /// The terms of which any colour has more than rounding, at most [`Factored::most_terms`]: 1 for
+    /// Lambert.
     #[must_use]
     pub fn rank(&self) -> usize {
         self.rank
@@ -126,10 +146,10 @@ pub fn factor(
     order: Order,
     nodes: usize,
 ) -> Result<[Factored; 3], NoConvergence> {
-    factor_by(reflectance, order, nodes, Cosine::Inside)
+    factor_by(reflectance, order, nodes, Factoring::default())
 }
 
-/// [`factor`] with the cosine where it is wanted.
+/// [`factor`] in another way.
 ///
 /// # Errors
 /// As [`factor`].
@@ -137,259 +157,94 @@ pub fn factor_by(
     reflectance: &impl Reflectance,
     order: Order,
     nodes: usize,
-    cosine: Cosine,
+    Factoring { cosine, colours }: Factoring,
 ) -> Result<[Factored; 3], NoConvergence> {
     let most = Order::new(MAX_BANDS as u8).unwrap_or(order);
     let light_order = Order::new(2 * order.get() - 1).unwrap_or(most);
-    let projected = if reflectance.is_isotropic() {
+    let mut projected = if reflectance.is_isotropic() {
         isotropic(reflectance, [order, light_order], nodes, cosine)
     } else {
         anisotropic(reflectance, [order, light_order], nodes, cosine)
     };
-    let mut out = Vec::with_capacity(3);
-    for mut projected in projected {
+    for projected in &mut projected {
         projected.energy *= cosine.continued(0);
         let rows = projected.matrix.chunks_exact_mut(order.coefficients());
         for (i, row) in rows.enumerate() {
             row.iter_mut().for_each(|entry| *entry *= cosine.continued(i));
         }
-        out.push(Factored { cosine, ..decompose(projected, order, light_order)? });
+    }
+    let [red, green, blue] = &projected;
+    let is_grey = red.matrix == green.matrix && red.matrix == blue.matrix;
+    let orders = [order, light_order];
+    let mut out = Vec::with_capacity(3);
+    match colours {
+        _ if is_grey => {
+            let factored = decompose(&projected[..1], orders, cosine)?;
+            out.extend([0; 3].map(|colour| factored[colour].clone()));
+        }
+        Colours::Together => out = decompose(&projected, orders, cosine)?,
+        Colours::Apart => {
+            for projected in projected.chunks(1) {
+                out.extend(decompose(projected, orders, cosine)?);
+            }
+        }
     }
     let rank = out.iter().map(|factored| factored.rank).max().unwrap_or(1);
     out.iter_mut().for_each(|factored| factored.rank = rank);
     Ok(<[Factored; 3]>::try_from(out).expect("three colours went in"))
 }
 
-/// F_ij = ∫∫ f cos θ_i y_i(ω_i) y_j(ω_o), `[i][j]`, and the energies before projection and after that
-/// of the incoming side alone.
-struct Projected {
-    matrix: Vec<f64>,
-    energy: f64,
-    lit: f64,
-}
-
-impl Cosine {
-    /// What f is multiplied with before it is projected.
-    fn weight(self, cosine: f64) -> f64 {
-        match self {
-            Self::Inside => cosine,
-            Self::Matrix => 1.0,
-        }
-    }
-
-    /// What a coefficient over the upper hemisphere becomes with what lies below: twice itself or
-    /// nothing by mirroring in the plane z = 0, where y_lm is even for even l + m.
-    fn continued(self, i: usize) -> f64 {
-        let l = i.isqrt();
-        match self {
-            Self::Inside => 1.0,
-            Self::Matrix if (i - l * l).is_multiple_of(2) => 2.0,
-            Self::Matrix => 0.0,
-        }
-    }
-
-    /// Σ of squares of coefficients over the upper hemisphere, continued.
-    fn energy_of(self, coefficients: &[f64]) -> f64 {
-        let value = |(i, x): (usize, &f64)| (self.continued(i) * x).powi(2);
-        coefficients.iter().enumerate().map(value).sum()
-    }
-}
-
-fn empty(order: Order, light_order: Order) -> [Projected; 3] {
-    std::array::from_fn(|_| Projected {
-        matrix: vec![0.0; light_order.coefficients() * order.coefficients()],
-        energy: 0.0,
-        lit: 0.0,
-    })
-}
-
-/// Elevations over the hemisphere as (sine, cosine, weight in cosine).
-fn elevations(nodes: usize) -> Vec<[f64; 3]> {
-    let all = gauss_legendre(nodes).into_iter();
-    all.map(|(x, weight)| {
-        let z = 0.5 + 0.5 * x;
-        [(1.0 - z * z).sqrt(), z, 0.5 * weight]
-    })
-    .collect()
-}
-
-/// With f a function of the azimuths' difference Δ alone, and even in it, the integral over both
-/// azimuths is (1 + δ_m0) π ∫ f cos mΔ dΔ where both harmonics have the same degree m (of either
-/// sign), and 0 elsewhere.
-fn isotropic(
-    reflectance: &impl Reflectance,
-    [order, light_order]: [Order; 2],
-    nodes: usize,
-    cosine: Cosine,
-) -> [Projected; 3] {
-    let mut out = empty(order, light_order);
-    let around = Around::new(2 * nodes, light_order);
-    let meridian = |[sin, cos, _]: [f64; 3]| {
-        let mut y = [0.0; MAX_COEFFICIENTS];
-        evaluate_f64(light_order.max(order), [sin, 0.0, cos], &mut y);
-        y
-    };
-    let elevations = elevations(nodes);
-    let meridians: Vec<[f64; MAX_COEFFICIENTS]> = elevations.iter().map(|&e| meridian(e)).collect();
-    for (to, y_to) in elevations.iter().zip(&meridians) {
-        let outgoing = [to[0], 0.0, to[1]];
-        let mut seen = [const { [0.0; MAX_COEFFICIENTS] }; 3];
-        for (from, y_from) in elevations.iter().zip(&meridians) {
-            let scale = cosine.weight(from[1]);
-            let (turned, squares) = around.integrals(|[cos, sin]| {
-                let incoming = [from[0] * cos, from[0] * sin, from[1]];
-                reflectance.reflect(incoming, outgoing).map(|f| f * scale)
-            });
-            for (c, out) in out.iter_mut().enumerate() {
-                out.energy += TAU * from[2] * to[2] * squares[c];
-                spread(&mut out.matrix, [light_order, order], y_from, y_to, |m| {
-                    let both = if m == 0 { TAU } else { PI };
-                    both * from[2] * to[2] * turned[m][c]
-                });
-                for (i, sum) in seen[c].iter_mut().enumerate().take(light_order.coefficients()) {
-                    let l = i.isqrt();
-                    // Only the harmonics of degree m ≥ 0 see a function that is even in Δ.
-                    if let Some(m) = i.checked_sub(l * (l + 1)) {
-                        *sum += from[2] * turned[m][c] * y_from[i];
-                    }
-                }
-            }
-        }
-        for (out, seen) in out.iter_mut().zip(&seen) {
-            out.lit += TAU * to[2] * cosine.energy_of(seen);
-        }
-    }
-    out
-}
-
-/// Azimuths of an isotropic table, with cos mΔ of each.
-struct Around {
-    directions: Vec<[f64; 2]>,
-    waves: Vec<[f64; MAX_BANDS]>,
-    bands: usize,
-}
-
-impl Around {
-    fn new(count: usize, order: Order) -> Self {
-        let delta = |k: usize| TAU / count as f64 * (k as f64 + 0.5);
-        let direction = |k| [delta(k).cos(), delta(k).sin()];
-        let wave = |k| std::array::from_fn(|m| (m as f64 * delta(k)).cos());
-        let (directions, waves) = ((0..count).map(direction), (0..count).map(wave));
-        Self { directions: directions.collect(), waves: waves.collect(), bands: order.bands() }
-    }
-
-    /// ∫ f cos mΔ dΔ by degree and colour, and ∫ f² dΔ.
-    fn integrals(&self, f: impl Fn([f64; 2]) -> [f64; 3]) -> ([[f64; 3]; MAX_BANDS], [f64; 3]) {
-        let (mut turned, mut squares) = ([[0.0; 3]; MAX_BANDS], [0.0; 3]);
-        let step = TAU / self.directions.len() as f64;
-        for (direction, waves) in self.directions.iter().zip(&self.waves) {
-            let f = f(*direction);
-            squares.iter_mut().zip(f).for_each(|(sum, f)| *sum += step * f * f);
-            for (sums, wave) in turned.iter_mut().zip(waves).take(self.bands) {
-                sums.iter_mut().zip(f).for_each(|(sum, f)| *sum += step * wave * f);
-            }
-        }
-        (turned, squares)
-    }
-}
-
-/// Adds the share of one pair of elevations to all entries of equal degree.
-fn spread(
-    matrix: &mut [f64],
-    [rows, columns]: [Order; 2],
-    y_row: &[f64],
-    y_column: &[f64],
-    azimuth: impl Fn(usize) -> f64,
-) {
-    let width = columns.coefficients();
-    for m in 0..columns.bands().min(rows.bands()) {
-        let azimuth = azimuth(m);
-        for l in m..rows.bands() {
-            for k in m..columns.bands() {
-                let (i, j) = (l * (l + 1), k * (k + 1));
-                let value = azimuth * y_row[i + m] * y_column[j + m];
-                matrix[(i + m) * width + j + m] += value;
-                if m > 0 {
-                    matrix[(i - m) * width + j - m] += value;
-                }
-            }
-        }
-    }
-}
-
-/// Without symmetry: for every outgoing direction the integral over incoming ones.
-fn anisotropic(
-    reflectance: &impl Reflectance,
-    [order, light_order]: [Order; 2],
-    nodes: usize,
-    cosine: Cosine,
-) -> [Projected; 3] {
-    let mut out = empty(order, light_order);
-    let (rows, columns) = (light_order.coefficients(), order.coefficients());
-    let around = 2 * nodes;
-    let step = TAU / around as f64;
-    let directions: Vec<([f64; 3], f64)> = elevations(nodes)
-        .into_iter()
-        .flat_map(|[sin, cos, weight]| {
-            (0..around).map(move |k| {
-                let (s, c) = (step * (k as f64 + 0.5)).sin_cos();
-                ([sin * c, sin * s, cos], weight * step)
-            })
-        })
-        .collect();
-    let mut tables = vec![0.0; directions.len() * rows];
-    for ((direction, _), row) in directions.iter().zip(tables.chunks_exact_mut(rows)) {
-        evaluate_f64(light_order, *direction, row);
-    }
-    let mut y = vec![0.0; columns];
-    for (outgoing, view_weight) in &directions {
-        let mut sums = [const { [0.0; MAX_COEFFICIENTS] }; 3];
-        for ((incoming, weight), table) in directions.iter().zip(tables.chunks_exact(rows)) {
-            let scale = cosine.weight(incoming[2]);
-            let f = reflectance.reflect(*incoming, *outgoing).map(|f| f * scale);
-            for (c, sums) in sums.iter_mut().enumerate() {
-                out[c].energy += view_weight * weight * f[c] * f[c];
-                let share = weight * f[c];
-                sums.iter_mut().zip(table).for_each(|(sum, y)| *sum += share * y);
-            }
-        }
-        evaluate_f64(order, *outgoing, &mut y);
-        for (out, sums) in out.iter_mut().zip(&sums) {
-            out.lit += view_weight * cosine.energy_of(sums);
-            for (row, sum) in out.matrix.chunks_exact_mut(columns).zip(sums) {
-                row.iter_mut().zip(&y).for_each(|(entry, y)| *entry += view_weight * sum * y);
-            }
-        }
-    }
-    out
-}
-
 /// The best factors: of the light's side over the sphere, where a reflectance is 0 below the
 /// surface; of the view's side over the hemisphere alone, since nothing is seen from below. There
 /// the harmonics are not orthonormal; a basis that is comes from their Gram matrix.
+///
+/// Several colours get light factors together: those of their matrices side by side, each scaled to
+/// norm 1.
 fn decompose(
-    Projected { matrix, energy, lit }: Projected,
-    order: Order,
-    light_order: Order,
-) -> Result<Factored, NoConvergence> {
+    colours: &[Projected],
+    [order, light_order]: [Order; 2],
+    cosine: Cosine,
+) -> Result<Vec<Factored>, NoConvergence> {
     let (rows, columns) = (light_order.coefficients(), order.coefficients());
     let gram = hemisphere_gram_pole(order);
     let (values, vectors) = symmetric_eigen(rows_of(&gram, columns, columns))?;
     let kept: Vec<usize> = (0..columns).filter(|&k| values[k] > LEAST).collect();
     let basis =
         Mat::from_fn(columns, kept.len(), |j, k| vectors[(j, kept[k])] / values[kept[k]].sqrt());
-    let seen = product(rows_of(&matrix, rows, columns), basis.as_ref());
-    let svd = thin_svd(seen.as_ref())?;
-    let harmonics = product(basis.as_ref(), svd.v.as_ref());
-    let (mut light, mut view) = (Vec::new(), Vec::new());
-    for (b, strength) in svd.s.iter().enumerate() {
-        light.extend((0..rows).map(|i| strength * svd.u[(i, b)]));
-        view.extend((0..columns).map(|j| harmonics[(j, b)]));
-    }
+    let seen: Vec<Mat<f64>> = colours
+        .iter()
+        .map(|c| product(rows_of(&c.matrix, rows, columns), basis.as_ref()))
+        .collect();
+    let scale: Vec<f64> = seen.iter().map(|seen| seen.norm_l2()).collect();
+    let scale: Vec<f64> = scale.iter().map(|s| if *s > 0.0 { 1.0 / s } else { 0.0 }).collect();
+    let wide = Mat::from_fn(rows, colours.len() * kept.len(), |i, k| {
+        let colour = k / kept.len();
+        scale[colour] * seen[colour][(i, k % kept.len())]
+    });
+    let svd = thin_svd(wide.as_ref())?;
     let first = svd.s.first().copied().unwrap_or(0.0);
-    let rank = svd.s.iter().filter(|s| **s > NOTHING * first).count().max(1);
-    let (cosine, strengths) = (Cosine::Inside, svd.s);
-    Ok(Factored { order, light_order, light, view, strengths, energy, lit, cosine, rank })
+    let rank = svd.s.iter().filter(|s| **s > NOTHING * first).count().max(1).min(columns);
+    let light: Vec<f64> =
+        (0..svd.s.len()).flat_map(|b| (0..rows).map(move |i| (i, b))).map(|at| svd.u[at]).collect();
+    let one = |(colour, seen): (&Projected, &Mat<f64>)| {
+        // W_b = uᵀ_b F: in the basis, whose norm is that over the hemisphere.
+        let own = product(svd.u.transpose(), seen.as_ref());
+        let squares = |b: usize| (0..kept.len()).map(|k| own[(b, k)].powi(2)).sum::<f64>();
+        let harmonics = product(own.as_ref(), basis.transpose());
+        let view = (0..svd.s.len()).flat_map(|b| (0..columns).map(move |j| (b, j)));
+        Factored {
+            order,
+            light_order,
+            light: light.clone(),
+            view: view.map(|at| harmonics[at]).collect(),
+            strengths: (0..svd.s.len()).map(|b| squares(b).sqrt()).collect(),
+            energy: colour.energy,
+            lit: colour.lit,
+            cosine,
+            rank,
+        }
+    };
+    Ok(colours.iter().zip(&seen).map(one).collect())
 }
 
 #[cfg(test)]

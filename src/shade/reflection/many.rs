@@ -1,10 +1,13 @@
 //! Many points at once: a point in each lane of a vector, the same operations for all of them.
+//!
+//! All M_b v of a block of points are one matrix product, which the model's kernels do; the rest are
+//! plain loops over the lanes.
 
 use glam::{Mat3, Vec3};
 
 use super::Reflector;
 use crate::num::cpu::Isa;
-use crate::num::kernels::{Task, perform};
+use crate::num::kernels::{Layout, Task, multiply, perform};
 use crate::sh::{Order, evaluate_lanes};
 use crate::shade::ZonalLight;
 
@@ -30,13 +33,29 @@ struct Scratch {
     y: Vec<Lanes>,
     light: [Vec<Lanes>; 3],
     visibility: Vec<Lanes>,
-    transfer: Vec<Lanes>,
+    /// `[b][i]`: M_b v.
+    products: Vec<Lanes>,
+    /// `[channel][b]`: w_b · y(ω_o).
     strengths: Vec<Lanes>,
+}
+
+impl Scratch {
+    fn new(order: Order, terms: usize, channels: usize) -> Self {
+        let lanes = |count: usize| vec![[0.0; LANES]; count];
+        let count = order.coefficients();
+        Self {
+            y: lanes(count),
+            light: [lanes(count), lanes(count), lanes(count)],
+            visibility: lanes(count),
+            products: lanes(terms * count),
+            strengths: lanes(channels * terms),
+        }
+    }
 }
 
 impl Reflector {
     /// Radiance of every point under a light of lobes: [`ZonalLight::in_frame`] and [`Reflector::shade`]
-    /// to rounding, several times as fast.
+    /// to rounding, many times as fast.
     ///
     /// # Panics
     /// If the lengths do not agree, or the light is of another order.
@@ -52,127 +71,140 @@ impl Reflector {
         let lengths =
             [points.to_local.len(), points.outgoing.len(), points.visibility.len() / count];
         assert_eq!(lengths, [out.len(); 3], "points");
-        let lanes = || vec![[0.0; LANES]; count];
-        let mut scratch = Scratch {
-            y: lanes(),
-            light: [lanes(), lanes(), lanes()],
-            visibility: lanes(),
-            transfer: lanes(),
-            strengths: vec![[0.0; LANES]; self.header().terms],
-        };
+        let (terms, channels) = (self.header().terms, self.header().channels);
+        let mut scratch = Scratch::new(self.order(), terms, channels);
         for (block, out) in out.chunks_mut(LANES).enumerate() {
             let range = block * LANES..block * LANES + out.len();
-            let part = ShadedPoints {
+            let points = ShadedPoints {
                 to_local: &points.to_local[range.clone()],
                 outgoing: &points.outgoing[range.clone()],
                 visibility: &points.visibility[range.start * count..range.end * count],
             };
-            let scratch = &mut scratch;
-            perform(isa, Block { reflector: self, lobes, points: part, scratch, out });
+            self.shade_block(isa, lobes, points, &mut scratch, out);
+        }
+    }
+
+    /// At most [`LANES`] points.
+    fn shade_block(
+        &self,
+        isa: Isa,
+        lobes: &ZonalLight,
+        points: ShadedPoints<'_>,
+        scratch: &mut Scratch,
+        out: &mut [[f32; 3]],
+    ) {
+        let Scratch { y, light, visibility, products, strengths } = scratch;
+        perform(isa, Turn { lobes, points, y, light, visibility });
+        let (view, sets) = self.panels();
+        let flat = strengths.as_flattened_mut();
+        multiply(isa, view, y.as_flattened(), LANES, Layout::Rows, flat);
+        let terms = self.header().terms;
+        let own = |colour: usize| colour.min(self.header().channels - 1) * terms;
+        let strengths = [0, 1, 2].map(|colour| &strengths[own(colour)..][..terms]);
+        let light = light.each_ref().map(Vec::as_slice);
+        let mut lit = [[0.0; LANES]; 3];
+        for (set, matrices) in sets.iter().enumerate() {
+            let flat = products.as_flattened_mut();
+            multiply(isa, matrices, visibility.as_flattened(), LANES, Layout::Rows, flat);
+            if sets.len() == 1 {
+                perform(isa, Sum { products, strengths, light, lit: &mut lit });
+            } else {
+                let (strengths, light) = ([strengths[set]], [light[set]]);
+                let lit = std::array::from_mut(&mut lit[set]);
+                perform(isa, Sum { products, strengths, light, lit });
+            }
+        }
+        for (lane, (out, outgoing)) in out.iter_mut().zip(points.outgoing).enumerate() {
+            *out = if outgoing.z > 0.0 { lit.map(|colour| colour[lane]) } else { [0.0; 3] };
         }
     }
 }
 
-/// At most [`LANES`] points.
-struct Block<'a> {
-    reflector: &'a Reflector,
+/// Light, visibility and the harmonics of the view, a point in each lane and in its frame.
+struct Turn<'a> {
     lobes: &'a ZonalLight,
     points: ShadedPoints<'a>,
-    scratch: &'a mut Scratch,
-    out: &'a mut [[f32; 3]],
+    y: &'a mut [Lanes],
+    light: &'a mut [Vec<Lanes>; 3],
+    visibility: &'a mut [Lanes],
 }
 
-impl Task for Block<'_> {
+impl Task for Turn<'_> {
     type Output = ();
 
     #[inline(always)]
     fn perform(self) {
-        let Self { reflector, lobes, points, scratch, out } = self;
-        let order = reflector.order();
-        let count = order.coefficients();
-        light_in_frames(lobes, points.to_local, scratch);
-        for (i, lanes) in scratch.visibility.iter_mut().enumerate() {
-            for (lane, row) in points.visibility.chunks_exact(count).enumerate() {
-                lanes[lane] = row[i];
+        let Self { lobes, points, y, light, visibility } = self;
+        let (order, count) = (lobes.order(), y.len());
+        for (lane, row) in points.visibility.chunks_exact(count).enumerate() {
+            for (lanes, v) in visibility.iter_mut().zip(row) {
+                lanes[lane] = *v;
             }
         }
+        light.iter_mut().for_each(|colour| colour.fill([0.0; LANES]));
         let mut axes = [[0.0; LANES]; 3];
+        for lobe in lobes.lobes() {
+            let axis = Vec3::from(lobe.axis.map(|x| x as f32));
+            for (lane, frame) in points.to_local.iter().enumerate() {
+                [axes[0][lane], axes[1][lane], axes[2][lane]] = (*frame * axis).to_array();
+            }
+            evaluate_lanes(order, &axes, y);
+            for (colour, bands) in light.iter_mut().zip(&lobe.bands) {
+                for (l, z) in bands.iter().enumerate().take(order.bands()) {
+                    for i in l * l..(l + 1) * (l + 1) {
+                        add(&mut colour[i], *z as f32, &y[i]);
+                    }
+                }
+            }
+        }
         for (lane, direction) in points.outgoing.iter().enumerate() {
             [axes[0][lane], axes[1][lane], axes[2][lane]] = direction.to_array();
         }
-        evaluate_lanes(order, &axes, &mut scratch.y);
-        let mut lit = [[0.0; LANES]; 3];
-        for (c, lit) in lit.iter_mut().enumerate() {
-            if let Some((view, matrices)) = reflector.channel(c) {
-                strengths(view, &scratch.y, &mut scratch.strengths);
-                transfer(matrices, scratch);
-            }
-            for (t, l) in scratch.transfer.iter().zip(&scratch.light[c]) {
-                for lane in 0..LANES {
-                    lit[lane] += t[lane] * l[lane];
-                }
-            }
-        }
-        for (lane, out) in out.iter_mut().enumerate() {
-            let is_seen = axes[2][lane] > 0.0;
-            *out = if is_seen { lit.map(|colour| colour[lane]) } else { [0.0; 3] };
-        }
+        evaluate_lanes(order, &axes, y);
     }
 }
 
-/// The light's coefficients in the frame of every lane.
+/// sum += scale · values.
 #[inline(always)]
-fn light_in_frames(lobes: &ZonalLight, to_local: &[Mat3], scratch: &mut Scratch) {
-    let order: Order = lobes.order();
-    scratch.light.iter_mut().for_each(|colour| colour.fill([0.0; LANES]));
-    for lobe in lobes.lobes() {
-        let axis = Vec3::from(lobe.axis.map(|x| x as f32));
-        let mut axes = [[0.0; LANES]; 3];
-        for (lane, frame) in to_local.iter().enumerate() {
-            [axes[0][lane], axes[1][lane], axes[2][lane]] = (*frame * axis).to_array();
-        }
-        evaluate_lanes(order, &axes, &mut scratch.y);
-        for (colour, bands) in scratch.light.iter_mut().zip(&lobe.bands) {
-            for (l, z) in bands.iter().enumerate().take(order.bands()) {
-                let (z, band) = (*z as f32, l * l..(l + 1) * (l + 1));
-                for (sum, y) in colour[band.clone()].iter_mut().zip(&scratch.y[band]) {
-                    sum.iter_mut().zip(y).for_each(|(sum, y)| *sum += z * y);
-                }
-            }
-        }
+fn add(sum: &mut Lanes, scale: f32, values: &Lanes) {
+    for lane in 0..LANES {
+        sum[lane] += scale * values[lane];
     }
 }
 
-/// s_b = w_b · y(ω_o).
+/// sum += a · b.
 #[inline(always)]
-fn strengths(view: &[f32], y: &[Lanes], out: &mut [Lanes]) {
-    for (out, row) in out.iter_mut().zip(view.chunks_exact(y.len())) {
-        let mut sum = [0.0; LANES];
-        for (w, y) in row.iter().zip(y) {
-            for lane in 0..LANES {
-                sum[lane] += w * y[lane];
-            }
-        }
-        *out = sum;
+fn add_product(sum: &mut Lanes, a: &Lanes, b: &Lanes) {
+    for lane in 0..LANES {
+        sum[lane] += a[lane] * b[lane];
     }
 }
 
-/// t_i = Σ_j v_j Σ_b s_b M_b,ij, the matrices transposed.
-#[inline(always)]
-fn transfer(matrices: &[f32], scratch: &mut Scratch) {
-    let count = scratch.y.len();
-    scratch.transfer.fill([0.0; LANES]);
-    for (j, v) in scratch.visibility.iter().enumerate() {
-        for (i, t) in scratch.transfer.iter_mut().enumerate() {
-            let mut sum = [0.0; LANES];
-            let entries = matrices[j * count + i..].iter().step_by(count * count);
-            for (m, s) in entries.zip(&scratch.strengths) {
-                for lane in 0..LANES {
-                    sum[lane] += m * s[lane];
+/// Σ_b s_b l · (M_b v) of S colours that share their matrices.
+struct Sum<'a, const S: usize> {
+    products: &'a [Lanes],
+    strengths: [&'a [Lanes]; S],
+    light: [&'a [Lanes]; S],
+    lit: &'a mut [Lanes; S],
+}
+
+impl<const S: usize> Task for Sum<'_, S> {
+    type Output = ();
+
+    #[inline(always)]
+    fn perform(self) {
+        let Self { products, strengths, light, lit } = self;
+        let count = light[0].len();
+        for (b, products) in products.chunks_exact(count).enumerate() {
+            // A sum of its own for each colour, which stays in a register.
+            let mut sums = [[0.0; LANES]; S];
+            for (i, product) in products.iter().enumerate() {
+                for c in 0..S {
+                    add_product(&mut sums[c], product, &light[c][i]);
                 }
             }
-            for lane in 0..LANES {
-                t[lane] += v[lane] * sum[lane];
+            for c in 0..S {
+                add_product(&mut lit[c], &sums[c], &strengths[c][b]);
             }
         }
     }
@@ -182,18 +214,25 @@ fn transfer(matrices: &[f32], scratch: &mut Scratch) {
 mod tests {
     use glam::Quat;
 
-    use super::super::factor;
+    use super::super::{Colours, Factoring, factor_by};
     use super::*;
     use crate::shade::{Brdf, ShLight};
 
-    /// Any number of points is shaded as each alone, in one colour and in three, at every instruction
-    /// set; what is looked at from below is black.
+    /// Any number of points is shaded as each alone, in one colour and in three that share their
+    /// matrices or do not, at every instruction set; what is looked at from below is black.
     #[test]
     fn many_points_are_shaded_as_each_alone() {
-        for (bands, reflectance) in [(4, [0.5; 3]), (3, [0.9, 0.5, 0.1])] {
+        let cases = [
+            (4, [0.5; 3], Colours::Together),
+            (3, [0.9, 0.5, 0.1], Colours::Together),
+            (3, [0.9, 0.5, 0.1], Colours::Apart),
+        ];
+        for (bands, reflectance, colours) in cases {
             let n = Order::new(bands).unwrap();
             let brdf = Brdf::Ggx { normal_reflectance: reflectance, alpha: [0.5; 2] };
-            let operators = factor(&brdf, n, 16).unwrap().map(|colour| colour.operator(5));
+            let factoring = Factoring { colours, ..Factoring::default() };
+            let factored = factor_by(&brdf, n, 16, factoring).unwrap();
+            let operators = factored.map(|colour| colour.operator(5));
             let reflector = Reflector::new("ggx", &operators, [0.0; 3]);
             let mut light = ShLight::cone(n, [0.3, 1.0, 0.2], 0.4, [3.0, 2.5, 2.0]).unwrap();
             light.add(&ShLight::constant(n, [0.1, 0.2, 0.3]).unwrap());

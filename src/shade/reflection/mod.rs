@@ -7,17 +7,22 @@
 
 #[cfg(feature = "bake")]
 mod build;
+mod file;
 mod global;
 mod many;
 mod reflector;
 
 #[cfg(feature = "bake")]
-pub use build::{Cosine, Factored, factor, factor_by};
+pub use build::{Colours, Cosine, Factored, Factoring, factor, factor_by};
+pub use file::{ReflectorError, ReflectorHeader};
 pub use global::GlobalReflector;
 pub use many::ShadedPoints;
-pub use reflector::{Reflector, ReflectorError, ReflectorHeader};
+pub use reflector::Reflector;
 
 use crate::sh::{MAX_COEFFICIENTS, Order, Rotation, TripleProduct, evaluate_f64};
+
+/// The most terms of an operator.
+const MOST_TERMS: usize = MAX_COEFFICIENTS;
 
 /// An operator of one colour: k view factors and k product matrices, k·n²(1 + n²) numbers.
 #[derive(Debug, Clone, PartialEq)]

@@ -42,8 +42,11 @@ pub struct Setup {
     /// description); that which the model was made of where absent.
     #[prost(message, optional, tag = "4")]
     pub scene: ::core::option::Option<Scene>,
+    /// Reflection of the light towards an eye, of models of visibility; poses by `joints` or `clip` then.
+    #[prost(message, optional, tag = "5")]
+    pub brdf: ::core::option::Option<Brdf>,
 }
-/// Exactly one of `colours` and `asset`.
+/// Exactly one of `colours`, `asset` and `form`.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Light {
     /// n² coefficients of incoming radiance in the root frame, for 1 or 3 colours.
@@ -52,9 +55,32 @@ pub struct Light {
     /// SHA-256 of an uploaded map.
     #[prost(string, tag = "2")]
     pub asset: ::prost::alloc::string::String,
-    /// The map is turned so far about +Y.
+    /// The map, or the light in words, is turned so far about +Y.
     #[prost(double, tag = "3")]
     pub turn_degrees: f64,
+    /// A light in words, such as `cone:0,1,0,20`.
+    #[prost(string, tag = "4")]
+    pub form: ::prost::alloc::string::String,
+}
+/// Exactly one of `form` and `asset`, and `eye`.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct Brdf {
+    /// An isotropic reflectance in words, such as `ggx:0.5,0.3`.
+    #[prost(string, tag = "1")]
+    pub form: ::prost::alloc::string::String,
+    /// SHA-256 of an uploaded operator, or of a measured reflectance in the binary format of MERL.
+    #[prost(string, tag = "2")]
+    pub asset: ::prost::alloc::string::String,
+    /// Where the eye is, in the root frame, metres; it may change with a setup between poses.
+    #[prost(message, optional, tag = "3")]
+    pub eye: ::core::option::Option<Vector>,
+    /// Terms of the operator, 1 to the square of the model's order; 8, or as many as there are, where 0. An
+    /// uploaded operator has its own.
+    #[prost(uint32, tag = "4")]
+    pub terms: u32,
+    /// Lobes that the light is fitted with, 1 to 8; 8 where 0.
+    #[prost(uint32, tag = "5")]
+    pub lobes: u32,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Coefficients {
@@ -146,7 +172,8 @@ pub struct Frame {
     /// Which pose of the stream, from 0.
     #[prost(uint64, tag = "1")]
     pub index: u64,
-    /// Little-endian f32: \[vertex, channel, coefficient\], or \[vertex, colour\] under a light.
+    /// Little-endian f32: \[vertex, channel, coefficient\], or \[vertex, colour\] under a light, three where it
+    /// is reflected.
     #[prost(bytes = "bytes", tag = "2")]
     pub values: ::prost::bytes::Bytes,
     /// The lengths of those axes.
@@ -173,6 +200,8 @@ pub enum Axes {
     Root = 1,
     /// Each vertex's dominant bone.
     Bone = 2,
+    /// Each vertex's own: +Z its normal, +X the tangent that its skin carries.
+    Tangent = 3,
 }
 impl Axes {
     /// String value of the enum field names used in the ProtoBuf definition.
@@ -184,6 +213,7 @@ impl Axes {
             Self::Unspecified => "AXES_UNSPECIFIED",
             Self::Root => "AXES_ROOT",
             Self::Bone => "AXES_BONE",
+            Self::Tangent => "AXES_TANGENT",
         }
     }
     /// Creates an enum from field names used in the ProtoBuf definition.
@@ -192,6 +222,7 @@ impl Axes {
             "AXES_UNSPECIFIED" => Some(Self::Unspecified),
             "AXES_ROOT" => Some(Self::Root),
             "AXES_BONE" => Some(Self::Bone),
+            "AXES_TANGENT" => Some(Self::Tangent),
             _ => None,
         }
     }

@@ -69,7 +69,7 @@ fn taken(occluders: &Occluders, point: usize, bones: &[u16]) -> Vec<(DVec3, f64)
 #[test]
 fn evaluation_is_the_definition() {
     let (positions, normals) = synthetic::surface();
-    let surface = Surface { positions: &positions, normals: &normals };
+    let surface = Surface { positions: &positions, normals: &normals, tangents: &[] };
     let occluders = synthetic::united();
     for signal in Signal::ALL.iter().copied() {
         let model = united(Family::Mean, signal);

@@ -1,5 +1,8 @@
+use std::f64::consts::{PI, TAU};
+
+use super::project::elevations;
 use super::*;
-use crate::sh::zonal;
+use crate::sh::{evaluate_f64, zonal};
 use crate::shade::Brdf;
 
 fn order(bands: u8) -> Order {
@@ -76,7 +79,8 @@ fn terms_above_the_rank_are_left_out() {
     assert_eq!(factored.each_ref().map(|colour| colour.operator(8).terms()), [1; 3]);
     assert_eq!(factored[0].most_terms(), 16);
     let mixed = Brdf::Phong { diffuse: [0.5; 3], specular: [0.0, 0.4, 0.0], exponent: 9.0 };
-    let factored = factor(&mixed, order(3), 16).unwrap();
+    let apart = Factoring { colours: Colours::Apart, ..Factoring::default() };
+    let factored = factor_by(&mixed, order(3), 16, apart).unwrap();
     let ranks = factored.each_ref().map(Factored::rank);
     assert!(ranks[0] > 1 && ranks == [ranks[0]; 3], "{ranks:?}");
     let cut = |colour: usize| factored[colour].error(1) - factored[colour].band_limit();
@@ -198,6 +202,56 @@ fn errors_are_told_apart() {
     }
 }
 
+const MATRIX: Factoring = Factoring { cosine: Cosine::Matrix, colours: Colours::Together };
+
+/// Colours that share their light factors have the same matrices; their errors, told for each, are
+/// those of the factors, and together no larger than with the factors of any one colour. With all
+/// the terms that there are nothing but the bands' own limit is left, which is that of colours apart.
+#[test]
+fn colours_share_their_light_factors() {
+    let n = order(3);
+    let brdf = Brdf::Ggx { normal_reflectance: [0.95, 0.6, 0.2], alpha: [0.5; 2] };
+    let apart = Factoring { colours: Colours::Apart, ..Factoring::default() };
+    let (together, apart) =
+        (factor(&brdf, n, 24).unwrap(), factor_by(&brdf, n, 24, apart).unwrap());
+    let operators = together.each_ref().map(|colour| colour.operator(4));
+    assert!(operators[1..].iter().all(|o| o.matrices() == operators[0].matrices()));
+    assert!(operators[0].view() != operators[2].view());
+    for (together, apart) in together.iter().zip(&apart) {
+        assert!((together.band_limit() - apart.band_limit()).abs() < 1e-9);
+        for k in 1..9 {
+            let [a, b] = [together, apart].map(|f| f.error(k));
+            // Fresnel's tint changes the factors little.
+            assert!(a > b - 1e-12 && a < b + 0.03, "{k} terms: {a} {b}");
+        }
+    }
+    // The stated error against slow integration, of the blue colour, which differs most.
+    let (diffuse, specular) = ([0.3, 0.5, 0.1], [0.5, 0.2, 0.4]);
+    let brdf = Brdf::Phong { diffuse, specular, exponent: 6.0 };
+    let (blue, terms) = (&factor(&brdf, n, 24).unwrap()[2], 4);
+    let (mut y, mut all, mut off) = (vec![0.0; 25], 0.0, 0.0);
+    let directions = sphere(20);
+    let above: Vec<_> = directions.iter().filter(|(o, _)| o[2] > 0.0).collect();
+    let mut values = |table: &[f64], of: Order, w: [f64; 3]| -> Vec<f64> {
+        evaluate_f64(of, w, &mut y);
+        let rows = table.chunks_exact(of.coefficients()).take(terms);
+        rows.map(|row| row.iter().zip(&y).map(|(a, b)| a * b).sum()).collect()
+    };
+    let incoming: Vec<Vec<f64>> =
+        directions.iter().map(|(w, _)| values(&blue.light, order(5), *w)).collect();
+    for (o, view_area) in above {
+        let w = values(&blue.view, n, *o);
+        for ((i, area), u) in directions.iter().zip(&incoming) {
+            let f = brdf.reflect(*i, *o)[2] * i[2].max(0.0);
+            let sum: f64 = u.iter().zip(&w).map(|(u, w)| u * w).sum();
+            all += area * view_area * f * f;
+            off += area * view_area * (f - sum).powi(2);
+        }
+    }
+    let measured = (off / all).sqrt();
+    assert!((measured - blue.error(terms)).abs() < 1e-3, "{measured} {}", blue.error(terms));
+}
+
 /// With the cosine as a matrix of its own, a Lambert operator is exact with one term where nothing
 /// occludes; a gloss has nearly the reflection of the other form, and comes nearer as the order rises.
 #[test]
@@ -206,7 +260,7 @@ fn the_cosine_may_be_a_matrix() {
         let n = order(bands);
         let count = n.coefficients();
         let inside = &factor(brdf, n, 24).unwrap()[0];
-        let matrix = &factor_by(brdf, n, 24, Cosine::Matrix).unwrap()[0];
+        let matrix = &factor_by(brdf, n, 24, MATRIX).unwrap()[0];
         let [inside, matrix] = [inside, matrix].map(|f| f.operator(count));
         let (mut a, mut b) = (vec![0.0; count], vec![0.0; count]);
         let (mut off, mut all) = (0.0, 0.0);
@@ -220,7 +274,7 @@ fn the_cosine_may_be_a_matrix() {
         (off / all).sqrt()
     };
     let lambert = Brdf::Lambert { albedo: [0.6; 3] };
-    let factored = &factor_by(&lambert, order(4), 12, Cosine::Matrix).unwrap()[0];
+    let factored = &factor_by(&lambert, order(4), 12, MATRIX).unwrap()[0];
     assert!(factored.error(1) < 1e-7, "{}", factored.error(1));
     assert!(apart(&lambert, 4) < 1e-7);
     let gloss = Brdf::Ggx { normal_reflectance: [0.5; 3], alpha: [0.6; 2] };
