@@ -199,7 +199,10 @@ class CommandLine(unittest.TestCase):
         with Script({"/v1/jobs/j/events": events, "/v1/jobs/j": [(200, {"state": "running"}, {})]}) as script:
             words = [sys.executable, "-m", "poselight_client", "--server", script.url, "watch", "j"]
             folder = Path(poselight_client.__file__).parent
-            process = subprocess.Popen(words, cwd=folder, stderr=subprocess.PIPE, text=True)
+            # What runs in the background of a shell has Ctrl-C ignored, and so have its children.
+            heard = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
+            process = subprocess.Popen(words, cwd=folder, stderr=subprocess.PIPE, text=True, preexec_fn=heard)
+            self.addCleanup(process.kill)
             start = time.monotonic()
             while not script.seen and time.monotonic() - start < 30:
                 time.sleep(0.05)
