@@ -9,6 +9,7 @@ mod skin;
 mod smooth;
 mod source;
 mod stage;
+mod together;
 mod truth;
 
 use std::borrow::Cow;

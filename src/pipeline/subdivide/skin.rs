@@ -13,6 +13,7 @@ use std::collections::HashMap;
 use glam::Vec3;
 
 use super::smooth::Shape;
+use super::together;
 use crate::pipeline::Job;
 use crate::rig::{Deformed, Influence, Mesh, Mix, deform};
 
@@ -24,6 +25,9 @@ const ROUNDS: usize = 24;
 
 /// Joints that a fit looks at.
 const MOST_CANDIDATES: usize = 12;
+
+/// New vertices on curved triangles that are no farther apart are one place, in sizes of the character.
+const SAME_PLACE: f32 = 1e-5;
 
 /// How far a new vertex leaves the surface.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -45,7 +49,7 @@ pub(super) struct Skinned {
     pub(super) fitted: usize,
 }
 
-/// Finds the influences of new vertices.
+/// Finds the influences of new vertices, the same for all that are one place.
 pub(super) fn bind(
     job: &Job,
     (mixes, shape): (&[Mix], &Shape),
@@ -53,16 +57,44 @@ pub(super) fn bind(
     bound_m: f32,
 ) -> Skinned {
     let mesh = &job.scene.mesh;
+    let places = together::places(mesh);
+    let near_m = SAME_PLACE * job.poses.size_m;
+    let first = together::firsts(&places, mixes, &shape.moved(mesh, mixes), near_m);
+    let own: Vec<usize> = (0..mixes.len()).filter(|&i| first[i] == i).collect();
+    let of_own: Vec<Mix> = own.iter().map(|&i| mixes[i]).collect();
+    let bound = bind_each(job, (&of_own, &shape.of(&own)), &places, (poses, bound_m));
+    let at = |i: &usize| own.partition_point(|own| own < i);
+    Skinned {
+        influences: first.iter().map(|i| bound.influences[at(i)].clone()).collect(),
+        deviations: first.iter().map(|i| bound.deviations[at(i)]).collect(),
+        fitted: first.iter().filter(|i| bound.is_fitted[at(i)]).count(),
+    }
+}
+
+/// Of each new vertex what moves it, how far it leaves the surface, and whether it was fitted.
+struct Bound {
+    influences: Vec<Vec<Influence>>,
+    deviations: Vec<Off>,
+    is_fitted: Vec<bool>,
+}
+
+fn bind_each(
+    job: &Job,
+    (mixes, shape): (&[Mix], &Shape),
+    places: &[u32],
+    (poses, bound_m): (&[usize], f32),
+) -> Bound {
+    let mesh = &job.scene.mesh;
     let mean: Vec<Vec<Influence>> = mixes.iter().map(|mix| mesh.mixed_influences(mix)).collect();
     let kept = |(mix, all): (&Mix, &Vec<Influence>)| trimmed(all.clone(), room(mesh, mix));
     let mut influences: Vec<Vec<Influence>> = mixes.iter().zip(&mean).map(kept).collect();
     let wanted = targets(job, (mixes, shape), poses);
     let moved = shape.moved(mesh, mixes);
     let mut deviations = deviations(job, (mixes, &moved), &influences, poses, &wanted);
-    let mut fitted = 0;
+    let mut is_fitted = vec![false; mixes.len()];
     let far: Vec<usize> = (0..mixes.len()).filter(|&i| deviations[i].most_m > bound_m).collect();
     if !far.is_empty() {
-        let around = Around::new(mesh);
+        let around = Around::new(mesh, places);
         let list: Vec<Mix> = far.iter().map(|&i| mixes[i]).collect();
         let moved: Vec<Vec3> = far.iter().filter_map(|&i| moved.get(i).copied()).collect();
         let list = (&list[..], &moved[..]);
@@ -75,32 +107,33 @@ pub(super) fn bind(
         for ((i, weights), deviation) in far.into_iter().zip(better).zip(after) {
             if deviation.most_m < deviations[i].most_m {
                 (influences[i], deviations[i]) = (weights, deviation);
-                fitted += 1;
+                is_fitted[i] = true;
             }
         }
     }
-    Skinned { influences, deviations, fitted }
+    Bound { influences, deviations, is_fitted }
 }
 
-/// The joints of the triangles around each vertex.
-struct Around {
+/// The joints of the triangles around each place.
+struct Around<'a> {
+    places: &'a [u32],
     joints: HashMap<u32, Vec<u32>>,
 }
 
-impl Around {
-    fn new(mesh: &Mesh) -> Self {
+impl<'a> Around<'a> {
+    fn new(mesh: &Mesh, places: &'a [u32]) -> Self {
         let mut joints: HashMap<u32, Vec<u32>> = HashMap::new();
         for triangle in &mesh.triangles {
             let of_all = triangle.iter().flat_map(|&v| mesh.influences_of(v as usize));
             let all: Vec<u32> = of_all.map(|influence| influence.deformer).collect();
             for &vertex in triangle {
-                let own = joints.entry(vertex).or_default();
+                let own = joints.entry(places[vertex as usize]).or_default();
                 own.extend(&all);
                 own.sort_unstable();
                 own.dedup();
             }
         }
-        Self { joints }
+        Self { places, joints }
     }
 
     /// The corners' own with their mean weights, then those around them with none.
@@ -110,7 +143,7 @@ impl Around {
         if mix.parts().all(|(vertex, _)| mesh.influences_of(vertex).len() == 1) && mean.len() == 1 {
             return all;
         }
-        let around = mix.parts().filter_map(|(vertex, _)| self.joints.get(&(vertex as u32)));
+        let around = mix.parts().filter_map(|(vertex, _)| self.joints.get(&self.places[vertex]));
         for &deformer in around.flatten() {
             if all.iter().all(|one| one.deformer != deformer) {
                 all.push(Influence { deformer, weight: 0.0 });

@@ -40,6 +40,12 @@ impl Shape {
         Self { straight: Some(places.iter().map(of).collect()) }
     }
 
+    /// That of some of the new vertices.
+    pub(super) fn of(&self, some: &[usize]) -> Self {
+        let straight = self.straight.as_ref();
+        Self { straight: straight.map(|all| some.iter().map(|&index| all[index]).collect()) }
+    }
+
     /// The place of new vertex `index` where the mesh has these positions and normals.
     pub(super) fn place(
         &self,

@@ -8,7 +8,9 @@ use glam::Vec3;
 
 use crate::bake::subdivide::{Leaf, Row, Source, Tessellation};
 use crate::bake::{self, Place, Standing};
-use crate::rig::{Deformed, Mesh, MorphTarget};
+use crate::rig::{Deformed, Mesh};
+
+use super::together::move_alike;
 
 /// More instances of one primitive are not looked at: the first ones stand for them.
 const MOST_INSTANCES: usize = 16;
@@ -112,18 +114,6 @@ impl Surface {
         }
         areas
     }
-}
-
-/// Whether two vertices at one place of a mesh stay together in every pose.
-fn move_alike(mesh: &Mesh, a: usize, b: usize) -> bool {
-    let same_delta = |morph: &MorphTarget| {
-        let [a, b] = [a, b].map(|vertex| {
-            let at = morph.vertices.binary_search(&(vertex as u32)).ok();
-            at.map_or(Vec3::ZERO, |at| morph.position_deltas[at])
-        });
-        a == b
-    };
-    mesh.influences_of(a) == mesh.influences_of(b) && mesh.morphs.iter().all(same_delta)
 }
 
 /// Every view of a surface: the key poses, and in each the instances.

@@ -218,6 +218,55 @@ fn weights_that_do_not_sum_to_one_are_mixed_as_they_act() {
     assert!((first.weight - 0.75).abs() < 1e-5, "{middle:?}");
 }
 
+/// A seam whose sides lie among other joints, turning: what is new on it is one place in every pose.
+#[test]
+fn seams_stay_closed_in_every_pose() {
+    let mut maker = Maker::new();
+    let positions =
+        [[0., 0., 0.], [0., 0., 1.], [1., 0., 0.], [0., 0., 1.], [0., 0., 0.], [-1., 0., 0.]];
+    let mut surface = maker.primitive(&positions, &[0, 1, 2, 3, 4, 5]);
+    let joints: Vec<u8> =
+        [[0, 1, 0, 0], [1, 0, 0, 0], [2, 0, 0, 0], [1, 0, 0, 0], [0, 1, 0, 0], [3, 0, 0, 0]]
+            .concat();
+    surface["attributes"]["JOINTS_0"] = json!(maker.accessor("VEC4", 5121, 6, &joints));
+    let weights = [[0.5_f32, 0.5], [1., 0.], [1., 0.], [1., 0.], [0.5, 0.5], [1., 0.]];
+    let bytes = |all: &[f32]| all.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+    let weights: Vec<f32> = weights.iter().flat_map(|[a, b]| [*a, *b, 0., 0.]).collect();
+    surface["attributes"]["WEIGHTS_0"] = json!(maker.accessor("VEC4", 5126, 6, &bytes(&weights)));
+    maker.document["skins"] = json!([{"joints": [1, 2, 3, 4]}]);
+    maker.node(json!({"skin": 0}), &json!([surface]));
+    let times = maker.accessor("SCALAR", 5126, 2, &bytes(&[0., 1.]));
+    (maker.document["accessors"][times]["min"], maker.document["accessors"][times]["max"]) =
+        (json!([0]), json!([1]));
+    let (mut channels, mut samplers) = (Vec::new(), Vec::new());
+    for (joint, angle) in (1..5).zip([0.9_f32, -0.7, 0.5, -0.3]) {
+        let node = maker.push("nodes", json!({}));
+        assert_eq!(node, joint);
+        maker.document["scenes"][0]["nodes"].as_array_mut().unwrap().push(json!(node));
+        let turn = [0., 0., 0., 1., angle.sin(), 0., 0., angle.cos()];
+        let output = maker.accessor("VEC4", 5126, 2, &bytes(&turn));
+        samplers.push(json!({"input": times, "output": output}));
+        let target = json!({"node": node, "path": "rotation"});
+        channels.push(json!({"sampler": joint - 1, "target": target}));
+    }
+    maker.document["animations"] = json!([{"channels": channels, "samplers": samplers}]);
+    let (done, _) = refine(&job_of(maker.glb(), |_| ()), 128);
+    assert!(done.deviation.fitted > 4, "{:?}", done.deviation);
+    let job = job_of(done.glb, |_| ());
+    let rest = &job.scene.mesh.positions;
+    let mut doubles = 0;
+    for pose in 0..job.poses.samples.len() {
+        let posed = job.deformed(pose).positions;
+        for (a, b) in (0..rest.len()).flat_map(|b| (0..b).map(move |a| (a, b))) {
+            if rest[a] == rest[b] {
+                doubles += 1;
+                assert!((posed[a] - posed[b]).length() < 1e-6, "{} opens in {pose}", rest[a]);
+            }
+        }
+    }
+    assert!(doubles > 8 * job.poses.samples.len(), "{doubles}");
+}
+
 /// Of two nodes with meshes of the same form the one that gets values is refined, not the one that only
 /// blocks.
 #[test]
