@@ -19,7 +19,7 @@ pub(crate) struct BakeFlags {
     /// Rays per vertex and pose; with --noise the most, and beside --from the most of the round that is
     /// added (unless they are those that the earlier bake stated) [default: 500; with --noise 16384].
     #[arg(long, value_name = "N")]
-    rays: Option<u32>,
+    pub(crate) rays: Option<u32>,
     /// As many rays at each vertex as it takes for this standard error of a coefficient.
     #[arg(long, value_name = "ERROR")]
     noise: Option<f32>,

@@ -27,7 +27,9 @@ pub(crate) struct SubdivideArgs {
     /// Bytes at most of a model of the result, of the family and sizes that the recipe's `fit` states.
     #[arg(long, value_name = "N")]
     max_model_bytes: Option<u64>,
-    /// Stop where no triangle's estimate is larger, in the measure's own unit.
+    /// Stop where no triangle's estimate is larger, in the measure's own unit: of `surplus` and `midpoint`
+    /// square metres times transfer squared. At sixteen times the input's triangles it ends in any case,
+    /// unless --max-triangles says more.
     #[arg(long, value_name = "ERROR")]
     until: Option<f32>,
     /// How often a triangle may be split in four, 1 to 12 [default: 8].
@@ -50,13 +52,14 @@ pub(crate) struct SubdivideArgs {
     /// [default: 0.0005].
     #[arg(long, value_name = "SIZES")]
     bound: Option<f32>,
-    /// Leave edges whole that cannot meet the bound; else they are split all the same, and named.
+    /// Leave edges whole that cannot meet the bound, as far as twelve attempts find them; else they are split
+    /// all the same, and named.
     #[arg(long)]
     keep_bound: bool,
     /// Put new vertices on the smooth surface that the normals mean (PN triangles), not in the triangles.
-    #[arg(long, conflicts_with = "values")]
+    #[arg(long)]
     smooth: bool,
-    /// Compare interpolation with the truth at so many places, before and after.
+    /// Compare interpolation with the truth at so many places of the input's triangles, before and after.
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     pub(crate) probes: usize,
     /// Write the transfer of the first key pose as vertex attributes too.
@@ -65,7 +68,7 @@ pub(crate) struct SubdivideArgs {
     /// Write the estimate as vertex colours, from dark blue to yellow.
     #[arg(long)]
     pub(crate) colour: bool,
-    /// Print what it would cost at most, and write nothing.
+    /// Print what it would cost, and write nothing.
     #[arg(long)]
     pub(crate) dry_run: bool,
     #[command(flatten)]
@@ -110,6 +113,7 @@ impl SubdivideArgs {
         recipe.vertices = self.max_vertices.or(recipe.vertices);
         recipe.bytes = self.max_model_bytes.or(recipe.bytes);
         recipe.error = self.until.or(recipe.error);
+        recipe.rays = self.bake.rays.or(recipe.rays);
         recipe.smooth |= self.smooth;
         recipe.keep_bound |= self.keep_bound;
         recipe.min_edge = self.min_edge.or(recipe.min_edge);

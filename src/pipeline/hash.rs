@@ -15,8 +15,9 @@ use crate::scene::Source;
 /// mistaken for new ones.
 const ALGORITHM: u32 = 2;
 
-/// The same of refinements: since neighbours differ by one split at most, and fillers stay whole.
-const REFINING: u32 = ALGORITHM + 1;
+/// The same of refinements: since neighbours differ by one split at most, fillers stay whole, and both sides
+/// of a seam get the same weights.
+const REFINING: u32 = ALGORITHM + 2;
 
 /// The same, for recipes that alone have begun to give other bytes: rounds to a noise on top of stated
 /// rays, and meshes that ignore themselves.
@@ -46,13 +47,19 @@ impl Hashes {
         let bake = match &recipe.subdivide {
             None => stage("bake", &(number, scene, &recipe.poses, &recipe.bake)),
             Some(subdivide) => {
+                let sized = sized(recipe, subdivide);
                 let (scene, subdivide) = given(scene, subdivide);
-                stage("bake", &(number, scene, &recipe.poses, &recipe.bake, subdivide))
+                stage("bake", &(number, scene, &recipe.poses, &recipe.bake, subdivide, sized))
             }
         };
         let fit = stage("fit", &(&bake, &recipe.fit, &recipe.target, &recipe.output));
         Self { scene: scene.to_owned(), bake, fit }
     }
+}
+
+/// What the bytes of a model follow from, where they say how far a mesh is refined.
+fn sized<'a>(recipe: &'a Recipe, subdivide: &SubdivideRecipe) -> Option<impl Serialize + 'a> {
+    subdivide.bytes.map(|_| (&recipe.fit, &recipe.target, &recipe.output))
 }
 
 /// The scene before it was refined, and how that is asked for.
@@ -68,8 +75,9 @@ pub(super) fn subdivision(
     direct: &Recipe,
     subdivide: Option<&SubdivideRecipe>,
 ) -> String {
+    let sized = subdivide.and_then(|subdivide| sized(direct, subdivide));
     let subdivide = subdivide.map(|subdivide| given(scene, subdivide));
-    stage("subdivide", &(REFINING, scene, &direct.poses, &direct.bake, subdivide))
+    stage("subdivide", &(REFINING, scene, &direct.poses, &direct.bake, subdivide, sized))
 }
 
 /// The hash of a scene's files: names and bytes, in order, each with its length before it.

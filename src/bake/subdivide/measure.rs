@@ -22,9 +22,10 @@ pub enum ErrorMeasure {
         /// square is then what a jump within the triangle adds to the L² error.
         by_area: bool,
     },
-    /// The square of the L² error that the interpolation makes, 8A/45 Σ s²: A the area, s what each
-    /// edge's middle lacks of the mean of its ends ([`Surplus`]), baked for the input and foretold
-    /// for what comes of a split.
+    /// An estimate of the square of the L² error that the interpolation makes, 8A/45 Σ s²: A the area, s
+    /// what each edge's middle lacks of the mean of its ends ([`Surplus`]), baked for the input and foretold
+    /// for what comes of a split. The products of different edges are left out: where all three lack the
+    /// same it is half of the integral, where they cancel more than that.
     Surplus,
     /// The same with every edge's middle baked, one split ahead: three times the rays, and nothing
     /// between the corners of a triangle is overlooked.

@@ -99,7 +99,8 @@ impl Refiner<'_> {
                 *corner = number[vertex];
             }
         }
-        let in_vain = baked - rows.len();
+        let used = rows.iter().filter(|row| !row.normals.is_empty()).count();
+        let in_vain = baked - used;
         Ok(Refined { triangles, rows, places, errors, in_vain })
     }
 }

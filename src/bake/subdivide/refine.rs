@@ -160,10 +160,7 @@ impl<'a> Refiner<'a> {
             work.forced -= 1;
         }
         tell(self.tessellation.count());
-        while self.queue.peek().is_some_and(|entry| !self.tessellation.is_leaf(entry.leaf)) {
-            self.queue.pop();
-        }
-        work.left = self.queue.peek().map_or(0.0, |entry| entry.error);
+        work.left = self.tessellation.leaves().map(|leaf| self.error(leaf)).fold(0.0, f32::max);
         Ok(work)
     }
 

@@ -28,14 +28,19 @@ pub(in crate::cli) fn subdivide(args: &SubdivideArgs, watch: &Watch) -> anyhow::
     }
     let mut settings = recipe.subdivide.take().unwrap_or_default();
     args.edit(&mut settings);
+    if settings.smooth && (args.values || args.probes > 0) {
+        let told = "--values and --probes are of the given triangles: leave the smooth surface out";
+        return Err(Usage(told.to_owned()).into());
+    }
     recipe.bake.rays = settings.rays.unwrap_or(recipe.bake.rays);
     let job = Job::open(&args.scene, recipe)?;
+    has_room(&job, args)?;
     let given = job.scene.mesh.triangles.len();
     let refinement = Refinement::of(&job, &settings)?;
     if args.dry_run {
-        let plan = pipeline::plan_subdivision(&job, &refinement)?;
+        let plan = pipeline::plan_subdivision(&job, &refinement, args.probes)?;
         let text = format!(
-            "at most {} new vertices in {} views: {} rays, {}",
+            "about {} new vertices in {} views: {} rays, {}",
             units::count(plan.vertices),
             plan.views,
             units::count(plan.rays),
@@ -54,7 +59,27 @@ pub(in crate::cli) fn subdivide(args: &SubdivideArgs, watch: &Watch) -> anyhow::
     let done = pipeline::subdivide(&job, &refinement, probes.as_ref(), stop, &mut tell)?;
     let glb = with_attributes(&job, &done, args)?;
     files::publish(&args.output, &glb)?;
-    Ok(Answer::new(text(args, &job, &done), figures(args, &job, &done)))
+    let asks_for_error = refinement.goal.error > 0.0;
+    Ok(Answer::new(text(args, &job, &done, asks_for_error), figures(args, &job, &done)))
+}
+
+/// Refuses a scene without room for what is to be written beside it, before the work.
+fn has_room(job: &Job, args: &SubdivideArgs) -> anyhow::Result<()> {
+    let mesh = &job.scene.mesh;
+    let mut attributes = Vec::new();
+    if args.values {
+        let width = job.checked.bake.signal.coefficients(job.checked.bake.order);
+        let values = vec![0.0; width * mesh.positions.len()];
+        attributes.extend(super::apply::columns(job.checked.bake.signal, width, &values));
+    }
+    if args.colour {
+        let values = vec![0.0; 3 * mesh.positions.len()];
+        attributes.push(Attribute { name: "COLOR_0".into(), width: 3, values });
+    }
+    if !attributes.is_empty() {
+        scene::attach(&scene::as_glb(&job.scene.sources)?, &mesh.parts, &attributes)?;
+    }
+    Ok(())
 }
 
 /// The refined file with what was asked for beside; it must import before it gets its name.
@@ -85,7 +110,15 @@ fn with_attributes(job: &Job, done: &Subdivided, args: &SubdivideArgs) -> anyhow
     Ok(scene::attach(&done.glb, &refined.mesh.parts, &attributes)?)
 }
 
-fn text(args: &SubdivideArgs, job: &Job, done: &Subdivided) -> String {
+/// An error, or where noise is all that is left of it, that.
+fn error(of: &Fidelity) -> String {
+    match of.rms {
+        0.0 => format!("below {:.5}, which is noise", of.with_noise),
+        rms => format!("{rms:.5}"),
+    }
+}
+
+fn text(args: &SubdivideArgs, job: &Job, done: &Subdivided, asks_for_error: bool) -> String {
     let Subdivided { triangles, vertices, work, deviation, .. } = done;
     let mut text = format!(
         "{}\n  {} triangles from {}, {} vertices from {}; {} splits over {} key poses, {} vertices baked in vain",
@@ -100,8 +133,11 @@ fn text(args: &SubdivideArgs, job: &Job, done: &Subdivided) -> String {
     );
     if let Some([before, after]) = &done.fidelity {
         text += &format!(
-            "\n  L² interpolation error {:.5} from {:.5}, largest {:.4} from {:.4}",
-            after.rms, before.rms, after.most, before.most
+            "\n  L² interpolation error {} from {}, largest with its noise {:.4} from {:.4}",
+            error(after),
+            error(before),
+            after.most,
+            before.most
         );
     }
     if let Some(noise) = done.probe_noise {
@@ -113,7 +149,7 @@ fn text(args: &SubdivideArgs, job: &Job, done: &Subdivided) -> String {
             "\n  the worst is triangle {triangle} of mesh {mesh:?}, primitive {primitive}, at ({x:.3}, {y:.3}, {z:.3}) m"
         );
     }
-    if work.at_depth > 0 {
+    if work.at_depth > 0 && asks_for_error {
         text += &format!(
             "\n  note: {} triangles are as fine as they may be (--max-depth, --min-edge) and still worse than asked for",
             units::count(work.at_depth as u64)

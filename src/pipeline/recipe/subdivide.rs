@@ -6,6 +6,9 @@ use serde::{Deserialize, Serialize};
 /// Triangles of the refined mesh over those of the scene, where no goal is stated.
 pub const DEFAULT_GROWTH: u64 = 4;
 
+/// The same where an error alone ends the refinement.
+pub const MOST_GROWTH: u64 = 16;
+
 /// Rays of each vertex while the mesh is refined, at most, where they are not stated.
 pub const MOST_RAYS_TO_REFINE: u32 = 1024;
 
@@ -17,18 +20,19 @@ pub const DEFAULT_CURVATURE: f32 = 1.0;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SubdivideRecipe {
-    /// Triangles of the refined mesh at most, no less than the scene's; four times the scene's when no
-    /// goal is given.
+    /// Triangles of the refined mesh at most, no less than the scene's and no more than 8,000,000; four
+    /// times the scene's when no goal is given, sixteen times with `error` alone.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub triangles: Option<u64>,
-    /// Vertices of the refined mesh at most, no less than the scene's.
+    /// Vertices of the refined mesh at most, no less than the scene's and no more than 4,000,000.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub vertices: Option<u64>,
     /// Bytes of the model at most, of the family and precision that the recipe states: `mean`, `linear`,
     /// or `pca-linear` of stated sizes. The mesh gets as many vertices as such a model has room for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bytes: Option<u64>,
-    /// Refining stops where no triangle's estimate is larger, in the measure's own unit.
+    /// Refining stops where no triangle's estimate is larger, in the measure's own unit: of `surplus` and
+    /// `midpoint` square metres times transfer squared.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<f32>,
     /// How often a triangle may be split in four, 1 to 12.

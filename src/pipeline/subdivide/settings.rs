@@ -6,10 +6,12 @@ use crate::bake::MOST_RAYS;
 use crate::bake::subdivide::{ErrorMeasure, Goal};
 use crate::pipeline::checked::require;
 use crate::pipeline::{Error, Job, Progress, RecipeError, Stage};
+use crate::scene::Limits;
 
 use super::budget::vertices_within;
 use crate::pipeline::recipe::subdivide::{
-    DEFAULT_CURVATURE, DEFAULT_GROWTH, MOST_RAYS_TO_REFINE, MeasureName, SubdivideRecipe,
+    DEFAULT_CURVATURE, DEFAULT_GROWTH, MOST_GROWTH, MOST_RAYS_TO_REFINE, MeasureName,
+    SubdivideRecipe,
 };
 use crate::pipeline::recipe::{BakeRecipe, Recipe};
 
@@ -41,12 +43,16 @@ impl Refinement {
         size_m: f32,
     ) -> Result<Self, RecipeError> {
         check(recipe)?;
-        let most = |goal: Option<u64>| goal.map_or(usize::MAX, |most| most as usize);
-        let any = recipe.vertices.or(recipe.bytes).is_some() || recipe.error.is_some();
-        let grown = (triangles as u64).saturating_mul(DEFAULT_GROWTH);
+        let limits = Limits::default();
+        let grown = |times| Some((triangles as u64).saturating_mul(times).min(limits.triangles));
+        let foreseen = match (recipe.vertices.or(recipe.bytes), recipe.error) {
+            (Some(_), _) => None,
+            (None, Some(_)) => grown(MOST_GROWTH),
+            (None, None) => grown(DEFAULT_GROWTH),
+        };
         let goal = Goal {
-            triangles: most(recipe.triangles.or((!any).then_some(grown))),
-            vertices: most(recipe.vertices),
+            triangles: recipe.triangles.or(foreseen).unwrap_or(limits.triangles) as usize,
+            vertices: recipe.vertices.unwrap_or(limits.vertices) as usize,
             error: recipe.error.unwrap_or(0.0),
             depth: recipe.depth,
             area: recipe
@@ -91,15 +97,14 @@ impl Refinement {
         Ok(all)
     }
 
-    /// Triangles so far, of those that there is room for beside the given ones; where nothing bounds
-    /// them, one more is always to come.
+    /// Triangles so far, of those that there is room for beside the given ones; where vertices bound
+    /// them, nobody knows how many are to come.
     #[must_use]
     pub fn progress(&self, given: usize, triangles: usize, start: Instant) -> Progress {
         let done = triangles.saturating_sub(given) as u64;
-        let total = match self.goal.triangles {
-            usize::MAX => done + 1,
-            most => most.saturating_sub(given) as u64,
-        };
+        let most = self.goal.triangles;
+        let bounded = (most as u64) < Limits::default().triangles;
+        let total = if bounded { most.saturating_sub(given) as u64 } else { done };
         let elapsed_s = start.elapsed().as_secs_f64();
         Progress { stage: Stage::Subdivide, done, total, rays: 0, elapsed_s }
     }
@@ -126,6 +131,14 @@ fn check(recipe: &SubdivideRecipe) -> Result<(), RecipeError> {
     require((1..=12).contains(&depth), "subdivide.depth", depth, "it must be 1 to 12")?;
     let sound = (1..=256).contains(&key_poses);
     require(sound, "subdivide.key_poses", key_poses, "it must be 1 to 256")?;
+    let limits = Limits::default();
+    for (field, goal, most) in [
+        ("subdivide.triangles", recipe.triangles, limits.triangles),
+        ("subdivide.vertices", recipe.vertices, limits.vertices),
+    ] {
+        let expected = "a scene has at most 8000000 triangles of 4000000 vertices";
+        require(goal.is_none_or(|goal| goal <= most), field, goal.unwrap_or(0), expected)?;
+    }
     let positive = |number: f32| number.is_finite() && number > 0.0;
     let expected = "it must be a positive number of sizes";
     require(positive(bound), "subdivide.bound", bound, expected)?;
@@ -208,7 +221,11 @@ mod tests {
         let goal = |recipe| Refinement::new(&recipe, 100, 1.0).expect("sound").goal;
         assert_eq!(goal(SubdivideRecipe::default()).triangles, 400);
         let until = SubdivideRecipe { error: Some(0.1), ..SubdivideRecipe::default() };
-        assert_eq!(goal(until).triangles, usize::MAX);
+        assert_eq!(goal(until).triangles, 1600);
+        let most = SubdivideRecipe { vertices: Some(200), ..SubdivideRecipe::default() };
+        assert_eq!(goal(most).vertices, 200);
+        assert_eq!(fault(|r| r.triangles = Some(8_000_001)), "subdivide.triangles");
+        assert_eq!(fault(|r| r.vertices = Some(1 << 40)), "subdivide.vertices");
     }
 
     /// Budgets below what there is are refused with both numbers.

@@ -11,7 +11,7 @@ use super::source::{Surface, Views};
 use super::{direct, standing, surface, whole};
 
 /// Rays of a probe, in those of a vertex.
-const PROBE_RAYS: u32 = 4;
+pub(super) const PROBE_RAYS: u32 = 4;
 
 /// The triangle in which interpolation is most wrong.
 #[derive(Debug, Clone, PartialEq)]

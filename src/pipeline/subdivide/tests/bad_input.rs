@@ -4,6 +4,7 @@ use glam::Vec3;
 use serde_json::{Value, json};
 
 use super::*;
+use crate::pipeline::recipe::FamilyName;
 use crate::pipeline::recipe::subdivide::SubdivideRecipe;
 use crate::rig::Mesh;
 
@@ -357,4 +358,48 @@ fn a_model_keeps_within_its_bytes() {
     assert!(told.contains("subdivide.bytes") && told.contains("room for"), "{told}");
     let told = fault(asked(bytes, FamilyName::ClusteredTanh));
     assert!(told.contains("the family clustered-tanh"), "{told}");
+}
+
+/// Vertices that no triangle uses are kept, and were never baked.
+#[test]
+fn unused_vertices_are_not_baked_in_vain() {
+    let mut positions = vec![[0., 0., 0.], [0., 0., 1.], [1., 0., 0.]];
+    positions.resize(23, [5., 5., 5.]);
+    let (done, mesh) = refine(&job_of(of_one_mesh(&positions, &[0, 1, 2]), |_| ()), 16);
+    assert_eq!(mesh.triangles.len(), 16);
+    assert!(done.in_vain < 10, "{}", done.in_vain);
+}
+
+/// What refuses a refinement refuses its plan.
+#[test]
+fn plans_refuse_what_runs_refuse() {
+    let told = |edit: fn(&mut Recipe), triangles| {
+        let job = job_of(column(), edit);
+        let refinement = refinement(ErrorMeasure::Surplus, triangles);
+        plan_subdivision(&job, &refinement, 0).unwrap_err().to_string()
+    };
+    assert!(told(|_| (), 5).contains("less than the 10"), "{}", told(|_| (), 5));
+    assert!(told(|recipe| recipe.bake.bounces = 1, 40).contains("bake.bounces"));
+    let job = job_of(column(), |_| ());
+    let rays = |probes| {
+        plan_subdivision(&job, &refinement(ErrorMeasure::Surplus, 40), probes).unwrap().rays
+    };
+    assert!(rays(100) >= rays(0) + 100 * 4 * 16, "{} {}", rays(100), rays(0));
+}
+
+/// Where bytes of a model bound the mesh, the model is a part of what names the refined one and its bake.
+#[test]
+fn bytes_of_another_model_are_another_refinement() {
+    let names = |family, bytes| {
+        let job = job_of(column(), |recipe| {
+            recipe.fit.family = family;
+            recipe.subdivide = Some(SubdivideRecipe { bytes, ..SubdivideRecipe::default() });
+        });
+        [refinement_hash(&job), job.hashes.bake]
+    };
+    let [mean, linear] = [FamilyName::Mean, FamilyName::Linear];
+    for (a, b) in names(mean, Some(1 << 20)).iter().zip(&names(linear, Some(1 << 20))) {
+        assert_ne!(a, b);
+    }
+    assert_eq!(names(mean, None), names(linear, None));
 }
