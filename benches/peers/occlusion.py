@@ -144,11 +144,14 @@ def blender():
 
 
 def own():
-    """Rays per second of a bake, sorting and harmonics included."""
-    with tempfile.TemporaryDirectory() as folder:
-        command = [poselight, "--json", "bake", mesh, "-o", f"{folder}/d.zarr", "--rays", "512"]
-        out = subprocess.run(command, capture_output=True, check=True).stdout
-    return json.loads(out)["bake"]["rays_per_s"]
+    """Rays per second of a bake of as many rays, sorting and harmonics included; the best of three."""
+    def once():
+        with tempfile.TemporaryDirectory() as folder:
+            command = [poselight, "--json", "bake", mesh, "-o", f"{folder}/d.zarr", "--rays", str(per_vertex)]
+            out = subprocess.run(command, capture_output=True, check=True).stdout
+        return json.loads(out)["bake"]["rays_per_s"]
+
+    return max(once() for _ in range(3))
 
 
 positions, faces = read_obj(mesh)
