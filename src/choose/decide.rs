@@ -70,9 +70,13 @@ impl Target {
     }
 
     /// Whether a point costs no more than it may.
-    fn affords(&self, point: &Point) -> bool {
-        self.max_bytes.is_none_or(|most| point.bytes <= most)
-            && self.max_us.is_none_or(|most| point.evaluate_us <= most)
+    pub(crate) fn affords(&self, point: &Point) -> bool {
+        self.max_bytes.is_none_or(|most| point.bytes <= most) && self.affords_times(point)
+    }
+
+    /// The same of its times alone.
+    pub(crate) fn affords_times(&self, point: &Point) -> bool {
+        self.max_us.is_none_or(|most| point.evaluate_us <= most)
             && self.max_fit_s.is_none_or(|most| point.fit_s <= most)
     }
 
@@ -107,7 +111,7 @@ pub fn is_doubtful(choice: &Point, rivals: &[Point], split: &str, target: &Targe
 }
 
 /// The largest error that a point may have in truth, and the error itself.
-fn errors(point: &Point, split: &str) -> Option<(f64, f64)> {
+pub(crate) fn errors(point: &Point, split: &str) -> Option<(f64, f64)> {
     let error = point.errors.get(split)?;
     let square = error.rms * error.rms;
     let margin = error.mean_square_error.map_or(0.0, |deviation| MARGIN * deviation);

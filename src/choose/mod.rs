@@ -7,6 +7,7 @@
 mod decide;
 mod front;
 
+pub(crate) use decide::errors;
 pub use decide::{Choice, Remedy, Shares, Target, decide, is_doubtful};
 pub use front::front;
 

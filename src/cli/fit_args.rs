@@ -242,7 +242,6 @@ impl FitFlags {
             ("--frame", self.frame.is_some()),
             ("--ridge", self.ridge.is_some()),
             ("--alpha", self.alpha.is_some()),
-            ("--on", self.on.is_some()),
             ("--precision", self.precision.is_some()),
         ];
         given.into_iter().find(|flag| flag.1).map(|flag| flag.0)

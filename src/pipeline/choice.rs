@@ -65,7 +65,10 @@ pub fn choose(
         found.recipe.fit.without.clone_from(&trimmed.without);
         found.recipe.fit.bands = trimmed.bands;
         found.fitted = fit(dataset, &found.recipe)?;
-        found.reconsider(&target(recipe))?;
+        // The trials see some points only: of their errors the ratio counts.
+        let [whole, trimmed] = trimmed.errors;
+        found.worsen(trimmed / whole.max(f64::MIN_POSITIVE));
+        found.reconsider(dataset, &target(recipe))?;
     }
     // The judge sees what is stored, not what was fitted.
     let mut model = Model::from_bytes(&found.fitted.model.to_bytes(found.precision)?)?;

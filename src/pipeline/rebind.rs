@@ -262,7 +262,9 @@ fn matched(old: &Shape, new: &Shape, tolerance_m: f32) -> Vec<Option<u32>> {
 
 /// Distances in place, facing and motion, each in units of what makes a vertex another one.
 fn score(old: &Shape, point: usize, new: &Shape, vertex: usize, tolerance_m: f32) -> Option<f32> {
-    let away = old.positions[point].distance(new.positions[vertex]) / tolerance_m;
+    let distance_m = old.positions[point].distance(new.positions[vertex]);
+    // A tolerance of 0 takes what is at the very place.
+    let away = if distance_m > 0.0 { distance_m / tolerance_m } else { 0.0 };
     let facing = old.normals[point].dot(new.normals[vertex]);
     let moving = old.weights[point].distance(&new.weights[vertex]) / MOVING;
     let within = away <= 1.0 && facing >= FACING && moving <= 1.0;

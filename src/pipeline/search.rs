@@ -12,11 +12,12 @@ mod dropping;
 use std::time::Instant;
 
 use super::candidates::CandidateRecipe;
+use super::imported::Imported;
 use super::progress::{Progress, Stage, Watch};
 use super::recipe::{PrecisionName, Recipe, RidgeName};
 use super::validation::Validation;
 use super::workbench::{Tried, Workbench, largest, reaches};
-use super::{Error, FittedModel, fit};
+use super::{Error, FittedModel, fit, timing};
 use crate::choose::{Choice, Point, Shares, SplitError, Target, decide, is_doubtful};
 use crate::dataset::Dataset;
 use crate::fit::Shared;
@@ -81,7 +82,7 @@ pub fn search(
     watch: &Watch,
 ) -> Result<Searched, Error> {
     let start = Instant::now();
-    let bench = Workbench::new(dataset, candidates)?;
+    let bench = Workbench::new(dataset, candidates)?.timing(target.max_fit_s.is_some());
     let (folds, left_out) = folds(bench.clips(), leaves_poses(candidates));
     let mut entries = entries(candidates);
     let mut count = Count::new(start, (entries.len() * folds.len()) as u64);
@@ -92,7 +93,7 @@ pub fn search(
         }
         entries.retain(|entry| entry.squares.len() == index + 1);
         if index == 0 {
-            drop_hopeless(&mut entries);
+            drop_hopeless(&mut entries, target);
         }
     }
     drop(bench);
@@ -116,7 +117,10 @@ pub fn search(
         return conclude((dataset, target, start), &[only], estimates, left_out);
     }
     let shared = || Shared::new(largest(&finalists));
-    let exact = exactly(dataset, &finalists, Some((&shared, target)), watch, start)?;
+    // What takes part of its time from others cannot say how long it takes.
+    let shared: &dyn Fn() -> Shared =
+        if target.max_fit_s.is_some() { &Shared::default } else { &shared };
+    let exact = exactly(dataset, &finalists, Some((shared, target)), watch, start)?;
     let names: Vec<&str> = exact.iter().map(|entry| entry.candidate.name.as_str()).collect();
     let estimates = estimates_but(&names);
     conclude((dataset, target, start), &exact, estimates, left_out)
@@ -256,15 +260,31 @@ fn conclude(
         left_out,
         search_s,
     };
-    found.reconsider(target)?;
+    found.reconsider(dataset, target)?;
     Ok(found)
 }
 
 impl Searched {
-    /// The verdict on the point of choice, with the bytes of its model itself where an estimate stood.
-    pub(super) fn reconsider(&mut self, target: &Target) -> Result<(), Error> {
+    /// Takes it into account that the model of choice errs so many times as much as what was tried.
+    pub(super) fn worsen(&mut self, times: f64) {
+        if let Some(error) = self.points[self.chosen].errors.get_mut(VALIDATION) {
+            error.rms *= times;
+            error.mean_square_error = error.mean_square_error.map(|e| e * times * times);
+        }
+    }
+
+    /// The verdict on the point of choice, with the bytes of its model itself where an estimate stood, and its
+    /// times where the target bounds them.
+    pub(super) fn reconsider(&mut self, dataset: &Dataset, target: &Target) -> Result<(), Error> {
         let point = &mut self.points[self.chosen];
-        point.bytes = self.fitted.model.to_bytes(self.precision)?.len() as u64;
+        let model = &self.fitted.model;
+        point.bytes = model.to_bytes(self.precision)?.len() as u64;
+        if target.max_us.is_some() {
+            point.evaluate_us = timing::evaluate(model, &Imported::new(dataset))?.all_us;
+        }
+        if target.max_fit_s.is_some() {
+            point.fit_s = self.fitted.fit_s;
+        }
         let verdict = decide(std::slice::from_ref(point), VALIDATION, target);
         self.met = matches!(verdict, Some(Choice::Met(_)));
         Ok(())

@@ -81,8 +81,8 @@ fn a_search_ends_with_the_simplest_or_the_best() {
     assert!(noise + bias + coverage > 0.0 && strict.search_s > 0.0);
 }
 
-/// Where error alone counts, candidates that are behind on the clips so far are dropped; what costs too much is no
-/// rival, and a target error needs them all.
+/// Where error alone counts, candidates that are behind on the clips so far are dropped, the fewer clips the
+/// farther behind; what costs too much is no rival, and a target error needs them all.
 #[test]
 fn those_behind_are_dropped() {
     let candidates = [("a", 100), ("b", 100), ("c", 100), ("large", 900)].map(|(name, bytes)| {
@@ -90,23 +90,52 @@ fn those_behind_are_dropped() {
         (CandidateRecipe { name: name.into(), recipe, poses: None }, bytes)
     });
     let squares = [1.0, 1.05, 1.2, 0.5];
-    let left = |target: &Target| {
+    let left_after = |groups: usize, target: &Target| {
         let mut entries = Vec::new();
         for ((candidate, bytes), square) in candidates.iter().zip(squares) {
-            let points = vec![Point { bytes: *bytes, ..Point::default() }];
+            let fit_s = if *bytes == 900 { 5.0 } else { 1.0 };
+            let points = vec![Point { bytes: *bytes, fit_s, ..Point::default() }];
             entries.push(Entry {
                 candidate,
                 points,
-                squares: vec![vec![square]],
+                squares: vec![vec![square]; groups],
                 held: Vec::new(),
             });
         }
         drop_behind(&mut entries, target);
         entries.iter().map(|entry| entry.candidate.name.clone()).collect::<Vec<_>>().join(" ")
     };
+    let left = |target: &Target| left_after(2, target);
     let bytes = |most| Target { max_bytes: Some(most), ..Target::default() };
+    assert_eq!(left_after(1, &bytes(500)), "a b c");
+    assert_eq!(left(&Target { max_fit_s: Some(2.0), ..Target::default() }), "a b");
     assert_eq!(left(&bytes(500)), "a b");
     assert_eq!(left(&bytes(1000)), "large");
     assert_eq!(left(&bytes(10)), "a b c large");
     assert_eq!(left(&Target { max_error: Some(0.1), ..bytes(500) }), "a b c large");
+}
+
+/// A candidate far off the front of bytes and error is dropped, unless what makes it look bad takes longer than
+/// the target allows.
+#[test]
+fn the_hopeless_are_dropped_within_the_time_allowed() {
+    let candidates = ["slow", "quick"].map(|name| CandidateRecipe {
+        name: name.into(),
+        recipe: Recipe::default(),
+        poses: None,
+    });
+    let left = |target: &Target| {
+        let entry = |(candidate, (evaluate_us, square))| Entry {
+            candidate,
+            points: vec![Point { bytes: 100, evaluate_us, ..Point::default() }],
+            squares: vec![vec![square]],
+            held: Vec::new(),
+        };
+        let costs = [(50.0, 0.1), (5.0, 1.0)];
+        let mut entries: Vec<Entry<'_>> = candidates.iter().zip(costs).map(entry).collect();
+        drop_hopeless(&mut entries, target);
+        entries.iter().map(|entry| entry.candidate.name.clone()).collect::<Vec<_>>().join(" ")
+    };
+    assert_eq!(left(&Target::default()), "slow");
+    assert_eq!(left(&Target { max_us: Some(10.0), ..Target::default() }), "slow quick");
 }

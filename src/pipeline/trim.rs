@@ -10,7 +10,7 @@ use super::recipe::Recipe;
 use super::search::{Searched, VALIDATION, folds, leaves_poses};
 use super::workbench::{Bench, Workbench};
 use super::{Error, Watch};
-use crate::choose::Target;
+use crate::choose::{Target, errors};
 use crate::dataset::Dataset;
 use crate::model::{ColumnHeader, Precision, SourceHeader};
 
@@ -85,8 +85,8 @@ pub(super) fn trim(
     let benches: Vec<Bench<'_>> = folds.iter().map(|fold| bench.without(fold)).collect();
     let trimmer = Trimmer { benches, precision: found.precision, watch };
     let whole = trimmer.trial(&found.recipe)?;
-    let chosen = found.points[found.chosen].errors.get(VALIDATION).copied().unwrap_or_default();
-    let room = target.max_error.map_or(0.0, |most| CAUTION * (most / chosen.rms).powi(2));
+    let (largest, _) = errors(&found.points[found.chosen], VALIDATION).unwrap_or_default();
+    let room = target.max_error.map_or(0.0, |most| CAUTION * (most / largest).powi(2));
     let limit = whole.square.max(0.0) * room.max(GROWTH);
     let mut recipe = found.recipe.clone();
     trimmer.parameters(&mut recipe, whole, limit)?;

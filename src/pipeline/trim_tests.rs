@@ -53,7 +53,7 @@ fn what_is_not_needed_goes() {
     // What only the whole was too large for is met by what is left of it.
     for (most, met) in [(bytes, true), (bytes - 1, false)] {
         let target = Target { max_bytes: Some(most), ..target };
-        found.reconsider(&target).unwrap();
+        found.reconsider(&dataset, &target).unwrap();
         assert_eq!((found.met, found.points[found.chosen].bytes), (met, bytes));
     }
 

@@ -23,7 +23,7 @@ use crate::fit::{Kept, Largest, Shared};
 use crate::model::{Model, PosedInput, PosedPoints, Precision, RigHeader};
 
 /// Points that candidates are tried on, at most.
-const MOST_POINTS: usize = 2048;
+const MOST_POINTS: usize = 1024;
 /// Numbers of the data that are kept, at most: fewer points where there are many coefficients.
 const MOST_NUMBERS: usize = 1 << 25;
 /// Points that candidates are tried on where the data have so many, at least.
@@ -67,6 +67,8 @@ pub(super) struct Workbench<'a> {
     largest: Largest,
     /// Points of the data set for each one here.
     ratio: f64,
+    /// Whether each fit makes all that it needs, so that its time is its own.
+    is_timing: bool,
 }
 
 /// The training poses without those that are left out, and what fits of them share.
@@ -115,6 +117,7 @@ impl<'a> Workbench<'a> {
             posed: None,
             largest: largest(candidates),
             ratio: layout.points as f64 / points.len() as f64,
+            is_timing: false,
         };
         for candidate in candidates {
             let name = candidate.recipe.fit.parametrisation.unwrap_or(stored.poses.parametrisation);
@@ -133,6 +136,11 @@ impl<'a> Workbench<'a> {
             this.posed = Some((job, surfaces));
         }
         Ok(this)
+    }
+
+    /// Whether the time of fits matters.
+    pub(super) fn timing(self, is_timing: bool) -> Self {
+        Self { is_timing, ..self }
     }
 
     fn encode(
@@ -263,7 +271,9 @@ impl Bench<'_> {
             .point_clusters
             .map(|count| ((f64::from(count) / bench.ratio).round() as u32).max(1));
         let (checked, mut settings) = settings_for(bench.dataset, &recipe)?;
-        settings.steps = settings.steps.min(STEPS);
+        if !bench.is_timing {
+            settings.steps = settings.steps.min(STEPS);
+        }
         let job = bench.posed.as_ref().map(|(job, _)| job).filter(|_| settings.looks_at_mesh());
         let mut geometry = job.map(|job| geometry(job, (&encoding.rig, &settings), &[]));
         if let Some(geometry) = &mut geometry {
@@ -273,7 +283,8 @@ impl Bench<'_> {
         let start = Instant::now();
         // What others share is of all coefficients.
         let own = Shared::new(bench.largest);
-        let shared = if recipe.fit.bands.is_some() { &own } else { &self.shared };
+        let alone = recipe.fit.bands.is_some() || bench.is_timing;
+        let shared = if alone { &own } else { &self.shared };
         let fitted = fit_sizes(training, settings, &recipe, geometry.as_ref(), shared)?;
         let fit_s = start.elapsed().as_secs_f64() * bench.ratio;
         let assembled = Assembled {
@@ -288,15 +299,31 @@ impl Bench<'_> {
         Ok(FittedModel { model, report, fit_s })
     }
 
+    /// Microseconds of one evaluation, as [`super::timing`] has them.
     fn time(&self, model: &Model, encoding: &Encoding) -> Result<f64, Error> {
-        let mut out = vec![0.0; self.bench.base.points * self.bench.dataset.header().layout.row()];
+        let mut out = vec![0.0; self.bench.base.points * model.header().width()];
         let mut least = f64::INFINITY;
         for _ in 0..REPETITIONS {
             let start = Instant::now();
-            self.predict(black_box(model), encoding, 0, &mut out)?;
+            self.evaluate(black_box(model), encoding.of(0), &mut out)?;
             least = least.min(start.elapsed().as_secs_f64() * 1e6);
         }
         Ok(least)
+    }
+
+    /// The training poses' first, in the model's own frame unless it looks at the posed mesh.
+    fn evaluate(&self, model: &Model, parameters: &[f32], out: &mut [f32]) -> Result<(), Error> {
+        if model.needs_surface() {
+            return Ok(model.evaluate_posed(&self.posed_input(parameters, 0), out)?);
+        }
+        Ok(model.evaluate(parameters, None, out)?)
+    }
+
+    fn posed_input<'p>(&'p self, parameters: &'p [f32], pose: usize) -> PosedInput<'p> {
+        let base = &self.bench.base;
+        let surface = self.bench.posed.as_ref().map(|(_, surfaces)| surfaces[pose].as_surface());
+        let bone_rotations = &base.bone_rotations[pose * base.bones..(pose + 1) * base.bones];
+        PosedInput { parameters, bone_rotations, surface }
     }
 
     fn predict(
@@ -316,14 +343,8 @@ impl Bench<'_> {
         pose: usize,
         out: &mut [f32],
     ) -> Result<(), Error> {
-        let base = &self.bench.base;
-        let surface = self.bench.posed.as_ref().map(|(_, surfaces)| surfaces[pose].as_surface());
-        let input = PosedInput {
-            parameters,
-            bone_rotations: &base.bone_rotations[pose * base.bones..(pose + 1) * base.bones],
-            surface,
-        };
-        evaluate_widened(model, &input, base.coefficients, out)
+        let input = self.posed_input(parameters, pose);
+        evaluate_widened(model, &input, self.bench.base.coefficients, out)
     }
 
     /// Less the noise of the data.

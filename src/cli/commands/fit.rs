@@ -77,7 +77,7 @@ fn choose(
     let chosen = pipeline::choose(dataset, recipe, &candidates, watch)?;
     files::publish(&args.output, &chosen.blob)?;
     let Confirmed { found, figures, met, .. } = &chosen;
-    let remedy = (!met).then(|| found.shares.remedy());
+    let remedy = figures.choice.as_ref().and_then(|choice| choice.remedy.as_ref());
     let mut text = args.output.display().to_string();
     if let Some(choice) = &figures.choice {
         text += &format!("\n{}", story(choice, figures, *met));
@@ -86,7 +86,7 @@ fn choose(
         }
     }
     text += &format!("\n{}", super::measure::table(&figures.measured));
-    if let Some(remedy) = figures.choice.as_ref().and_then(|choice| choice.remedy.as_ref()) {
+    if let Some(remedy) = remedy {
         text += &format!("\n  the target is not met; what would help most: {remedy}");
     }
     let json = json!({

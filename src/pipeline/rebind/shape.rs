@@ -124,7 +124,10 @@ pub(super) struct Grid {
 impl Grid {
     /// With cells as long as what is looked for may be away.
     pub(super) fn new(positions: &[Vec3], cell_m: f32) -> Self {
-        let mut this = Self { cell_m: cell_m.max(f32::MIN_POSITIVE), cells: HashMap::new() };
+        let largest = positions.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
+        // So that a cell's number is exact, however near the looked for is.
+        let cell_m = cell_m.max(1e-6 * largest).max(f32::MIN_POSITIVE);
+        let mut this = Self { cell_m, cells: HashMap::new() };
         for (point, &position) in (0_u32..).zip(positions) {
             let cell = this.cell(position);
             this.cells.entry(cell).or_default().push(point);

@@ -117,6 +117,20 @@ fn shuffled_and_split_vertices_find_their_points() {
     }
 }
 
+/// A tolerance of nothing takes what is at the very place, and nothing else.
+#[test]
+fn no_tolerance_is_for_the_same_places() {
+    let scene = figure_scene();
+    let model = model_of(&scene, true);
+    let strict = RebindSettings { tolerance: 0.0, ..RebindSettings::default() };
+    let found = rebind(&model, &scene, None, &strict).unwrap();
+    assert_eq!((found.unmatched.len(), found.farthest_m), (0, 0.0));
+    let mut moved = figure_scene();
+    moved.mesh.positions[7] += Vec3::splat(1e-5);
+    let told = rebind(&model, &moved, None, &strict).unwrap_err().to_string();
+    assert!(told.starts_with("1 of "), "{told}");
+}
+
 /// Proves that vertices which moved, or are moved by other bones, are counted and listed, that more
 /// of them than allowed are refused, and that as many as allowed take the nearest point.
 #[test]
