@@ -48,7 +48,7 @@ impl Baker {
             * (4 * self.plan.directions.directions() as u64
                 + self.plan.blocks as u64 * coefficients);
         // A tree has a node for about every other point, its sums in double precision.
-        let tree = self.subsurface.map_or(0, |_| points * (4 * coefficients * channels + 120));
+        let tree = self.skin.as_ref().map_or(0, |_| points * (4 * coefficients * channels + 120));
         self.table_bytes() + tree + in_flight * per_pose + result + scratch
     }
 
@@ -159,7 +159,7 @@ impl Baker {
         let start = Instant::now();
         let (points, count) = (self.points(), self.plan.coefficients);
         let channels = self.reflectance.as_ref().map_or(1, |reflectance| reflectance.channels);
-        if self.subsurface.is_some() {
+        if self.skin.is_some() {
             let coefficients = vec![0.0; points * channels * count];
             let empty = BakedPose { coefficients, noise: vec![0.0; points], rays: vec![0; points] };
             self.diffused(empty, pose, &AtomicBool::new(false))?;

@@ -14,7 +14,7 @@ fn surfaced(maker: &Maker) -> Result<Surface, Error> {
 }
 
 fn surfaced_with(sources: Vec<Source>) -> Result<Surface, Error> {
-    let content = Content::Surface { plain: PLAIN };
+    let content = Content::Surface { plain: PLAIN, transparency: true };
     let scene = import_sources_content(sources, &Limits::default(), content)?;
     Ok(scene.surface.unwrap())
 }
@@ -201,7 +201,7 @@ fn within(maker: &Maker, pictures: &[(String, Vec<u8>)], limit: u64) -> Result<S
         |(name, bytes): &(String, Vec<u8>)| Source { name: name.clone(), bytes: bytes.clone() };
     sources.extend(pictures.iter().map(source));
     let limits = Limits { decoded_bytes: limit, ..Limits::default() };
-    let content = Content::Surface { plain: PLAIN };
+    let content = Content::Surface { plain: PLAIN, transparency: true };
     Ok(import_sources_content(sources, &limits, content)?.surface.unwrap())
 }
 
