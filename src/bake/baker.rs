@@ -323,7 +323,7 @@ impl Baker {
     }
 
     /// Fits points to sites, where those were traced.
-    fn at_points(&self, pose: BakedPose) -> BakedPose {
+    pub(super) fn at_points(&self, pose: BakedPose) -> BakedPose {
         let Some(fit) = &self.stage.fit else { return pose };
         let mean = (pose.rays.len() as f64 / fit.points() as f64 * self.plan.rays() as f64).round();
         let bounds = (self.plan.signal == Signal::Ao).then_some([0.0, 1.0]);

@@ -15,7 +15,6 @@ pub use fit::{
     DEFAULT_POSE_CLUSTERS, DEFAULT_RETAINED, DEFAULT_SPHERES, FamilyName, FitRecipe, FrameName,
     RidgeName,
 };
-
 pub use normals::NormalsRecipe;
 
 use schemars::JsonSchema;
@@ -229,9 +228,8 @@ pub struct BakeRecipe {
     /// there is a `noise`, else 16,384.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub most_rays: Option<u32>,
-    /// Whether, or of which meshes, shading normals of each pose are computed from its triangles. When absent,
-    /// and then filled in when the recipe is resolved: of meshes that are morphed by targets that move positions
-    /// and no normals.
+    /// Whether, or of which meshes, shading normals of each pose are computed from its triangles; when absent, and
+    /// then filled in, of meshes morphed by targets that move positions and no normals.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recompute_normals: Option<NormalsRecipe>,
     /// Values at vertices are fitted by least squares to this many samples for each vertex, all over

@@ -45,9 +45,9 @@ impl Points {
         let morphs = morph_words(mesh);
         let mut seen: HashMap<Vec<u32>, u32> = HashMap::with_capacity(mesh.positions.len());
         let mut points = Self::default();
-        for vertex in 0..mesh.positions.len() {
+        for (vertex, &kind) in kind_of.iter().enumerate() {
             let mut key = Vec::with_capacity(17);
-            key.push(kind_of[vertex]);
+            key.push(kind);
             key.extend(words(mesh.positions[vertex].to_array()));
             key.extend(words(mesh.normals[vertex].to_array()));
             let mut influences: Vec<[u32; 2]> = mesh
