@@ -12,16 +12,15 @@ use crate::trace::Device;
 use super::adaptive::{Adaptive, Before};
 use super::borders::Borders;
 use super::bounce::{Bounces, MOST_ROW_BYTES};
-use super::diffusion::{self, Cloud};
 use super::kernel::{Scratch, bake_point};
 use super::least_squares::LeastSquares;
 use super::plan::Plan;
 use super::posed::{Posed, Stage};
 use super::sites;
+use super::skin::Skin;
 use super::surroundings::{NO_POINT, Surroundings, Trees};
 use super::{
     BakedPose, Error, MOST_SITES, Noise, Openings, PosedMesh, Reflectance, Settings, Signal,
-    Subsurface,
 };
 
 /// Rays per task: a few milliseconds, so that cores end together and cancelling is prompt.
@@ -38,7 +37,7 @@ pub struct Baker {
     pub(super) plan: Plan,
     pub(super) reflectance: Option<Reflectance>,
     pub(super) adaptive: Option<Adaptive>,
-    pub(super) subsurface: Option<Subsurface>,
+    pub(super) skin: Option<Skin>,
     /// What a pose's hits may take before each bounce traces anew.
     pub(super) most_row_bytes: u64,
 }
@@ -81,7 +80,7 @@ impl Baker {
             plan,
             reflectance: None,
             adaptive: None,
-            subsurface: None,
+            skin: None,
             most_row_bytes: MOST_ROW_BYTES,
         })
     }
@@ -162,20 +161,10 @@ impl Baker {
         if self.stage.fit.is_some() {
             return Err(Error::FitOf);
         }
-        let gathers = self.reflectance.is_some() || self.subsurface.is_some();
+        let gathers = self.reflectance.is_some() || self.skin.is_some();
         let before = Before { rounds, everywhere: gathers };
         let falloff = self.plan.falloff;
         self.adaptive = Some(Adaptive::new(noise, settings, falloff, &self.stage, &before)?);
-        Ok(self)
-    }
-
-    /// The same with light that travels below the surface; bounces come first.
-    ///
-    /// # Errors
-    /// Another signal than transfer, or a material that cannot be.
-    pub fn diffusing(mut self, subsurface: Subsurface) -> Result<Self, Error> {
-        subsurface.check(self.plan.signal)?;
-        self.subsurface = Some(subsurface);
         Ok(self)
     }
 
@@ -183,7 +172,7 @@ impl Baker {
     #[must_use]
     pub fn channels(&self) -> usize {
         let surface = self.reflectance.as_ref().map_or(1, |reflectance| reflectance.channels);
-        self.subsurface.map_or(surface, |subsurface| subsurface.channels(surface))
+        self.skin.as_ref().map_or(surface, |skin| skin.channels(surface))
     }
 
     /// How many points each pose has.
@@ -270,19 +259,6 @@ impl Baker {
         }
     }
 
-    /// The same with what travels below the surface.
-    pub(super) fn diffused(
-        &self,
-        pose: BakedPose,
-        mesh: &PosedMesh<'_>,
-        cancelled: &AtomicBool,
-    ) -> Result<BakedPose, Error> {
-        let Some(subsurface) = &self.subsurface else { return Ok(pose) };
-        let channels = self.reflectance.as_ref().map_or(1, |reflectance| reflectance.channels);
-        let cloud = Cloud::new(&self.stage, mesh.positions, mesh.normals);
-        diffusion::diffuse(subsurface, &cloud, &pose, channels, cancelled)
-    }
-
     /// At least one pose per thread: scenes are built one per thread at a time.
     pub(super) fn poses_per_wave(&self, threads: usize) -> usize {
         let for_points = POINTS_PER_WAVE / self.points().max(1);
@@ -347,7 +323,7 @@ impl Baker {
     }
 
     /// Fits points to sites, where those were traced.
-    fn at_points(&self, pose: BakedPose) -> BakedPose {
+    pub(super) fn at_points(&self, pose: BakedPose) -> BakedPose {
         let Some(fit) = &self.stage.fit else { return pose };
         let mean = (pose.rays.len() as f64 / fit.points() as f64 * self.plan.rays() as f64).round();
         let bounds = (self.plan.signal == Signal::Ao).then_some([0.0, 1.0]);

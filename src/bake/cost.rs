@@ -48,7 +48,7 @@ impl Baker {
             * (4 * self.plan.directions.directions() as u64
                 + self.plan.blocks as u64 * coefficients);
         // A tree has a node for about every other point, its sums in double precision.
-        let tree = self.subsurface.map_or(0, |_| points * (4 * coefficients * channels + 120));
+        let tree = self.skin.as_ref().map_or(0, |_| points * (4 * coefficients * channels + 120));
         self.table_bytes() + tree + in_flight * per_pose + result + scratch
     }
 
@@ -81,7 +81,7 @@ impl Baker {
             return Ok(Calibration { rays_per_s: f64::INFINITY, rays_per_point, prepare_s });
         };
         let threads = rayon::current_num_threads();
-        let prepare_s = prepare_s + self.diffuse_s(pose)? * threads as f64;
+        let prepare_s = prepare_s + self.follow_s(pose)? * threads as f64;
         let times = rayon::broadcast(|context| {
             self.point_times(pose, &posed, (context.index(), threads), budget_s)
         });
@@ -154,12 +154,21 @@ impl Baker {
         times
     }
 
-    /// How long all threads take to diffuse a pose, seconds.
-    fn diffuse_s(&self, pose: &PosedMesh<'_>) -> Result<f64, Error> {
+    /// How long all threads take for what follows a pose's rays, to fit its vertices and to diffuse it,
+    /// seconds.
+    fn follow_s(&self, pose: &PosedMesh<'_>) -> Result<f64, Error> {
+        let sites = self.stage.fit.as_ref().map(|fit| {
+            let (sites, count) = (fit.sites.len(), self.plan.coefficients);
+            // Of values that differ from site to site, as a solver stops at once where there is nothing to find.
+            let value = |i: usize| (i as f32 * 0.618).fract();
+            let coefficients = (0..sites * count).map(value).collect();
+            BakedPose { coefficients, noise: vec![0.0; sites], rays: vec![0; sites] }
+        });
         let start = Instant::now();
+        sites.map(|sites| self.at_points(sites));
         let (points, count) = (self.points(), self.plan.coefficients);
         let channels = self.reflectance.as_ref().map_or(1, |reflectance| reflectance.channels);
-        if self.subsurface.is_some() {
+        if self.skin.is_some() {
             let coefficients = vec![0.0; points * channels * count];
             let empty = BakedPose { coefficients, noise: vec![0.0; points], rays: vec![0; points] };
             self.diffused(empty, pose, &AtomicBool::new(false))?;

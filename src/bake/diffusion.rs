@@ -99,6 +99,16 @@ impl Cloud {
         Self::of(places, points.vertex.iter().map(normal).collect(), areas)
     }
 
+    /// Some of the points, with all that they stand for.
+    pub(super) fn part(&self, points: &[u32]) -> Self {
+        let of = |&point: &u32| point as usize;
+        Self::of(
+            points.iter().map(|p| self.places[of(p)]).collect(),
+            points.iter().map(|p| self.normals[of(p)]).collect(),
+            points.iter().map(|p| self.areas[of(p)]).collect(),
+        )
+    }
+
     /// Points with what they stand for.
     pub(super) fn of(places: Vec<DVec3>, normals: Vec<DVec3>, areas: Vec<f64>) -> Self {
         let mut order: Vec<usize> = (0..places.len()).collect();

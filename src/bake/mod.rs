@@ -29,6 +29,7 @@ mod plan;
 mod posed;
 mod seen;
 mod sites;
+mod skin;
 mod standing;
 pub mod subdivide;
 mod subsurface;

@@ -14,7 +14,7 @@ use crate::trace::{Candidate, Filter};
 /// all colours.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Openings {
-    /// Of the first triangles; all others are solid.
+    /// Of all triangles; those that it does not have are solid.
     pub surface: Arc<Surface>,
     /// Whether alpha counts.
     pub alpha: bool,

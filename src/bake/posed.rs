@@ -1,8 +1,8 @@
 //! A posed mesh made ready for tracing.
 //!
-//! The mesh is moved to the origin and scaled by a power of two to a size between 1 and 2, so the
-//! tracer meets the same numbers at every scale and place. What the original coordinates could not
-//! resolve stays lost, and the ray's offset knows it.
+//! What is baked is moved to the origin and scaled by a power of two to a size between 1 and 2, so the
+//! tracer meets the same numbers at every scale and place, whatever blocks from afar. What the original
+//! coordinates could not resolve stays lost, and the ray's offset knows it.
 
 use std::sync::Arc;
 
@@ -32,6 +32,9 @@ const UPRIGHT: f32 = 0.9999;
 /// The least length of the sum of a point's triangles' normals, over the sum of their lengths, where they
 /// are one plane.
 const PLANE: f32 = 0.999_98;
+
+/// The tracer takes coordinates up to 10¹⁸: what blocks may reach so many powers of two beyond what is baked.
+const MOST_REACH: f32 = 40.0;
 
 /// One pose ready for tracing; lengths in the scaled space.
 #[derive(Debug)]
@@ -89,7 +92,7 @@ impl Posed {
     pub(super) fn new(stage: &Stage, pose: usize, mesh: &PosedMesh<'_>) -> Result<Self, Error> {
         let points = &stage.points;
         check(pose, mesh, points.of_vertex.len())?;
-        let space = Space::around(mesh.positions);
+        let space = Space::around(points, mesh.positions);
         let positions: Vec<Vec3> = mesh.positions.iter().map(|&p| space.enter(p)).collect();
         let build = |(tree, triangles): (usize, &Vec<[u32; 3]>)| {
             let numbered = (0..).zip(triangles).map(|(i, &t)| (stage.trees.original(tree, i), t));
@@ -142,7 +145,7 @@ impl Posed {
 
     /// The same with rays that start at sites: everything between that of the corners.
     pub(super) fn at_sites(&self, stage: &Stage, positions: &[Vec3], sites: &[Site]) -> Self {
-        let space = Space::around(positions);
+        let space = Space::around(&stage.points, positions);
         let corners = |site: &Site| stage.triangles[site.triangle as usize];
         let points = |site: &Site| {
             corners(site).map(|corner| stage.points.of_vertex[corner as usize] as usize)
@@ -216,16 +219,21 @@ struct Space {
 }
 
 impl Space {
-    fn around(positions: &[Vec3]) -> Self {
-        let first = positions.first().copied().unwrap_or_default();
-        let (low, high) =
-            positions.iter().fold((first, first), |(low, high), &p| (low.min(p), high.max(p)));
+    /// Around the points that are baked. What only blocks may lie far outside.
+    fn around(points: &Points, positions: &[Vec3]) -> Self {
+        let baked = positions.iter().zip(&points.of_vertex);
+        let baked = || baked.clone().filter(|(_, point)| **point != NO_POINT).map(|(p, _)| *p);
+        let first = baked().next().or(positions.first().copied()).unwrap_or_default();
+        let (low, high) = baked().fold((first, first), |(low, high), p| (low.min(p), high.max(p)));
         // Halved first: the sum of two large coordinates may overflow.
         let half_extent = (high * 0.5 - low * 0.5).max_element();
         let centre = low * 0.5 + high * 0.5;
+        let reach = positions.iter().map(|&p| (p * 0.5 - centre * 0.5).abs().max_element());
+        let reach = reach.fold(half_extent, f32::max);
         // A power of two changes no digits. Bounded so that it and its products stay normal.
-        let exponent = -half_extent.max(f32::MIN_POSITIVE).log2().ceil();
-        let scale = if half_extent > 0.0 { exponent.clamp(-120.0, 120.0).exp2() } else { 1.0 };
+        let exponent = |size: f32| -size.max(f32::MIN_POSITIVE).log2().ceil();
+        let exponent = exponent(half_extent).min(exponent(reach) + MOST_REACH);
+        let scale = if reach > 0.0 { exponent.clamp(-120.0, 120.0).exp2() } else { 1.0 };
         Self { centre, scale }
     }
 

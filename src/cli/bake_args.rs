@@ -5,7 +5,9 @@ use clap::{Args, ValueEnum};
 use super::args::{names, set};
 use super::subsurface::SubsurfaceFlags;
 use super::surroundings::SurroundingsFlags;
-use crate::pipeline::recipe::{MOST_RAYS_TO_NOISE, NoiseGoalName, Recipe, SignalName};
+use crate::pipeline::recipe::{
+    MOST_RAYS_TO_NOISE, NoiseGoalName, NormalsRecipe, Recipe, SignalName,
+};
 
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Bake")]
@@ -40,9 +42,13 @@ pub(crate) struct BakeFlags {
     /// One more round of so many rays at each vertex (may be repeated).
     #[arg(long, value_name = "N")]
     more_rays: Vec<u32>,
-    /// Compute each pose's normals from its triangles, for shapes whose own do not follow.
+    /// Compute each pose's normals from its triangles everywhere [default: where meshes are morphed by targets
+    /// that move positions and no normals].
     #[arg(long)]
     recompute_normals: bool,
+    /// Keep the file's normals, also where morph targets move positions and no normals.
+    #[arg(long, conflicts_with = "recompute_normals")]
+    keep_normals: bool,
     /// Fit vertices by least squares to this many samples each, spread over the surface.
     #[arg(long, value_name = "SAMPLES")]
     vertex_fit: Option<u32>,
@@ -88,7 +94,9 @@ impl BakeFlags {
         if !self.more_rays.is_empty() {
             bake.more_rays.clone_from(&self.more_rays);
         }
-        bake.recompute_normals |= self.recompute_normals;
+        if self.recompute_normals || self.keep_normals {
+            bake.recompute_normals = Some(NormalsRecipe::All(self.recompute_normals));
+        }
         bake.vertex_fit = self.vertex_fit.or(bake.vertex_fit);
         set(&mut recipe.poses.seed, self.seed);
         if self.max_distance.is_some() {

@@ -20,6 +20,9 @@ pub(crate) struct SubsurfaceFlags {
     /// Refractive index of the material [default: 1.3].
     #[arg(long, value_name = "N", requires = "mean_free_path")]
     refractive_index: Option<f32>,
+    /// A mesh of the material (may be repeated) [default: all but receivers].
+    #[arg(long, value_name = "MESH")]
+    subsurface_mesh: Vec<String>,
 }
 
 /// One value for all colours, or one for each.
@@ -45,7 +48,15 @@ impl SubsurfaceFlags {
                 mean_free_path_m: Some(path),
                 absorption_per_m: colours("absorption", &self.absorption)?,
                 refractive_index: self.refractive_index,
+                ..SubsurfaceRecipe::default()
             });
+        }
+        match recipe {
+            _ if self.subsurface_mesh.is_empty() => {}
+            Some(below) => below.meshes.clone_from(&self.subsurface_mesh),
+            None => anyhow::bail!(
+                "--subsurface-mesh says where a material is: --subsurface or --mean-free-path says which"
+            ),
         }
         Ok(())
     }

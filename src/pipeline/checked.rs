@@ -7,6 +7,8 @@ mod target;
 
 use std::fmt::Display;
 
+pub(super) use frame::checked_normals;
+
 use bake_fields::{checked_bake, checked_noises, checked_receivers, checked_subsurface};
 use target::{checked_choice, checked_reference};
 
@@ -78,7 +80,7 @@ impl Checked {
         subdivide::checked(recipe)?;
         checked_choice(recipe)?;
         light::checked_light(recipe)?;
-        frame::checked_normals(recipe)?;
+        checked_normals(recipe)?;
         Ok(Self {
             poses: checked_poses(&recipe.poses)?,
             bake: checked_bake(&recipe.bake)?,

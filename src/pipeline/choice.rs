@@ -7,9 +7,9 @@ use super::run::examine_noting;
 use super::trim::trim;
 use super::{
     CandidateRecipe, Checked, Error, Figures, Hashes, Searched, Trimmed, VALIDATION, Watch, fit,
-    meets_target, search,
+    meets_target, recipe_of, search,
 };
-use crate::choose::{Point, Shares, Target};
+use crate::choose::{Point, Remedy, Shares, Target};
 use crate::dataset::Dataset;
 use crate::model::Model;
 
@@ -98,13 +98,16 @@ fn story(
         left_out: found.left_out.clone(),
         validation_rms: point.errors.get(VALIDATION).map_or(0.0, |error| error.rms),
         met: found.met,
-        remedy: (!met).then(|| advice(&target(asked), point, &found.shares)),
+        remedy: (!met).then(|| {
+            let left_out = recipe_of(dataset).is_ok_and(|recipe| recipe.poses.most.is_some());
+            advice(&target(asked), point, (&found.shares, left_out))
+        }),
         trimmed: trimmed.map(Trimmed::story),
     }
 }
 
 /// What would help most where a target is missed: room for the cheapest that there is, or a better model.
-fn advice(target: &Target, point: &Point, shares: &Shares) -> String {
+fn advice(target: &Target, point: &Point, (shares, left_out): (&Shares, bool)) -> String {
     let bytes = target.max_bytes.filter(|&most| point.bytes > most);
     let us = target.max_us.filter(|&most| point.evaluate_us > most);
     let fit_s = target.max_fit_s.filter(|&most| point.fit_s > most);
@@ -117,7 +120,15 @@ fn advice(target: &Target, point: &Point, shares: &Shares) -> String {
     if let Some(most) = fit_s {
         return format!("to allow {:.2} s for the fit instead of {most}", point.fit_s);
     }
-    shares.remedy().advice().to_owned()
+    let advice = shares.remedy().advice();
+    match shares.remedy() {
+        Remedy::MorePoses if left_out => {
+            format!(
+                "{advice}: first of all the training poses that a pilot or `poses.most` left out"
+            )
+        }
+        _ => advice.to_owned(),
+    }
 }
 
 #[cfg(test)]
@@ -129,12 +140,16 @@ mod tests {
     fn a_missed_cost_asks_for_room() {
         let point = Point { bytes: 900, evaluate_us: 12.3, ..Point::default() };
         let shares = Shares { noise: 0.0, bias: 1.0, coverage: 0.0 };
-        let told = |target: &Target| advice(target, &point, &shares);
+        let told = |target: &Target| advice(target, &point, (&shares, true));
         let bytes = Target { max_bytes: Some(10), ..Target::default() };
         assert_eq!(told(&bytes), "to allow 900 bytes instead of 10");
         let us = Target { max_us: Some(1.0), max_bytes: Some(900), ..Target::default() };
         assert_eq!(told(&us), "to allow 13 µs a pose instead of 1");
         let error = Target { max_error: Some(0.1), ..Target::default() };
         assert_eq!(told(&error), shares.remedy().advice());
+        let unseen = Shares { noise: 0.0, bias: 0.0, coverage: 1.0 };
+        let of = |left_out| advice(&error, &point, (&unseen, left_out));
+        assert_eq!(of(false), unseen.remedy().advice());
+        assert!(of(true).starts_with(&of(false)) && of(true).contains("a pilot or `poses.most`"));
     }
 }

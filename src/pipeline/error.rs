@@ -121,6 +121,9 @@ pub enum Error {
         /// Why.
         what: String,
     },
+    /// There is nothing for a pilot to find out.
+    #[error("a pilot cannot choose rays: {0}")]
+    Pilot(String),
     /// What stands around the character is not to be had, or makes no sense.
     #[error("surroundings: {0}")]
     Surroundings(String),

@@ -6,7 +6,7 @@ use std::borrow::Cow;
 use glam::{Affine3A, Vec3};
 
 use super::evaluate::{EvaluateError, Query, node_order, parameters};
-use super::valued;
+use super::{normals, recipe_of_model, valued};
 use crate::model::{JointPose, Model, PosedPoints, SourceHeader};
 use crate::rig::{self, Deformed, Facets, Pose, RigidFrame, Tangents};
 use crate::scene::Scene;
@@ -120,7 +120,15 @@ pub(super) fn surface(
     let mut deformed = Deformed::default();
     let root = model.root_frame_of(pose)?;
     rig::deform(&scene.mesh, &globals, &of_scene.weights, root, &mut deformed);
+    if let Some(facets) = anew(model, scene) {
+        facets.apply(&scene.mesh.triangles, &mut deformed);
+    }
     of_points((model, scene), (&globals, root), &deformed)
+}
+
+/// What computes the normals that the model was baked with, where they are not the skin's.
+pub(super) fn anew(model: &Model, scene: &Scene) -> Option<Facets> {
+    normals::facets(&recipe_of_model(model).ok()?.bake, scene)
 }
 
 /// The scene without what only blocks: as many vertices as the model has.

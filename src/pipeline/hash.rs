@@ -17,14 +17,26 @@ const ALGORITHM: u32 = 2;
 
 /// The same of refinements: since neighbours differ by one split at most, fillers stay whole, and both sides
 /// of a seam get the same weights.
-const REFINING: u32 = ALGORITHM + 2;
+fn refining(bake: &BakeRecipe) -> u32 {
+    ALGORITHM + 2 + u32::from(is_surrounded(bake))
+}
 
 /// The same, for recipes that alone have begun to give other bytes: rounds to a noise on top of stated
-/// rays, and meshes that ignore themselves.
+/// rays, and then what [`is_surrounded`].
 fn algorithm(bake: &BakeRecipe) -> u32 {
     let stated = bake.noise.is_none() || !bake.more_rays.is_empty();
     let on_stated = stated && !bake.more_noise.is_empty();
-    ALGORITHM + u32::from(on_stated || !bake.surroundings.ignore_self.is_empty())
+    ALGORITHM + if is_surrounded(bake) { 2 } else { u32::from(on_stated) }
+}
+
+/// Whether something blocks beside the points, which rays' origins no longer go by; whether meshes ignore
+/// themselves or one another, which share no points; whether there are receivers, which are no skin and block by
+/// their materials.
+fn is_surrounded(bake: &BakeRecipe) -> bool {
+    let around = &bake.surroundings;
+    let ignored = !around.ignore_self.is_empty() || !around.ignore.is_empty();
+    let blocked = around.occluders.is_some() || !around.occluder_nodes.is_empty();
+    ignored || blocked || around.receivers.is_some()
 }
 
 /// The hashes of a resolved recipe, lower-case hexadecimal.
@@ -77,7 +89,8 @@ pub(super) fn subdivision(
 ) -> String {
     let sized = subdivide.and_then(|subdivide| sized(direct, subdivide));
     let subdivide = subdivide.map(|subdivide| given(scene, subdivide));
-    stage("subdivide", &(REFINING, scene, &direct.poses, &direct.bake, subdivide, sized))
+    let number = refining(&direct.bake);
+    stage("subdivide", &(number, scene, &direct.poses, &direct.bake, subdivide, sized))
 }
 
 /// The hash of a scene's files: names and bytes, in order, each with its length before it.
@@ -157,6 +170,27 @@ mod tests {
         let mut other_path = base;
         other_path.scene.file = "elsewhere.glb".into();
         assert_eq!(before, Hashes::of("s", &other_path));
+    }
+
+    /// What alone began to give other bytes has another number; everything else keeps its name.
+    #[test]
+    fn numbers_are_of_what_changed() {
+        let of = |edit: fn(&mut BakeRecipe)| {
+            let mut bake = BakeRecipe::default();
+            edit(&mut bake);
+            algorithm(&bake)
+        };
+        assert_eq!(of(|_| ()), 2);
+        assert_eq!(of(|bake| bake.surroundings.transparency = true), 2);
+        assert_eq!(of(|bake| bake.more_noise = vec![0.1]), 3);
+        let edits: [fn(&mut BakeRecipe); 5] = [
+            |bake| bake.surroundings.occluders = Some(Default::default()),
+            |bake| bake.surroundings.occluder_nodes = vec!["sword".into()],
+            |bake| bake.surroundings.ignore = vec![["shirt".into(), "skin".into()]],
+            |bake| bake.surroundings.ignore_self = vec!["hair".into()],
+            |bake| bake.surroundings.receivers = Some(Default::default()),
+        ];
+        assert!(edits.into_iter().all(|edit| of(edit) == 4));
     }
 
     /// A refined scene's bake has the name that it had before the scene was refined; other settings of

@@ -5,11 +5,12 @@ use std::sync::{Arc, OnceLock};
 
 use glam::Vec3;
 
+use super::checked::checked_normals;
 use super::hash::{self, Hashes};
 use super::receivers::Receivers;
 use super::recipe::{BakeRecipe, DEFAULT_ALBEDO, NoiseGoalName, Recipe};
 use super::surroundings::{self, Occluders};
-use super::{Checked, Error, Lit, RecipeError, effective};
+use super::{Checked, Error, Lit, RecipeError, effective, normals};
 use crate::bake::{self, Baker, Openings, Reflectance};
 use crate::model::PosedPoints;
 use crate::pose::{self, PoseSet};
@@ -21,8 +22,7 @@ use crate::scene::{self, Content, Limits, Scene};
 /// # Errors
 /// [`Error::Scene`] naming the file.
 pub fn import(path: &Path) -> Result<Scene, Error> {
-    scene::import(path, &Limits::default())
-        .map_err(|source| Error::Scene { file: path.display().to_string(), source })
+    import_content(path, Content::Shape)
 }
 
 /// As [`import`], of a `.gltf` that may be without its buffers; whether it needs none.
@@ -40,7 +40,20 @@ pub(super) fn content(recipe: &Recipe) -> Content {
     if *bounces == 0 && !surroundings.transparency && !surroundings.one_sided {
         return Content::Shape;
     }
-    Content::Surface { plain: recipe.bake.albedo.unwrap_or(DEFAULT_ALBEDO) }
+    let plain = recipe.bake.albedo.unwrap_or(DEFAULT_ALBEDO);
+    Content::Surface { plain, transparency: surroundings.transparency }
+}
+
+/// What of a file that stands around it: light passes through it, and is not passed on.
+pub(super) fn content_around(recipe: &Recipe) -> Content {
+    let around = &recipe.bake.surroundings;
+    if around.transparency || around.one_sided { content(recipe) } else { Content::Shape }
+}
+
+/// Imports a scene within the default limits, as far as it is asked for.
+fn import_content(path: &Path, content: Content) -> Result<Scene, Error> {
+    scene::import_content(path, &Limits::default(), content)
+        .map_err(|source| Error::Scene { file: path.display().to_string(), source })
 }
 
 /// Scenes that stand around the character's, as the recipe names them.
@@ -79,6 +92,8 @@ pub struct Job {
     pub lit: Option<Lit>,
     /// What computes the normals of poses anew, where that is asked for.
     pub facets: Option<Facets>,
+    /// What there is to say of points inside other geometry; looked for when first asked.
+    pub(super) buried: OnceLock<Vec<String>>,
     /// Of the mesh's vertices at rest; as the skin carries them. Made when first asked for.
     pub(super) tangents: OnceLock<(Vec<[i8; 3]>, Tangents)>,
 }
@@ -93,11 +108,13 @@ impl Job {
         Checked::new(&recipe)?;
         effective(&recipe)?;
         let named = &recipe.bake.surroundings;
-        let read = |file: Option<&String>| file.map(|file| import(Path::new(file))).transpose();
+        let around = content_around(&recipe);
+        let read = |file: Option<&String>| {
+            file.map(|file| import_content(Path::new(file), around)).transpose()
+        };
         let occluders = read(named.occluders.as_ref().map(|named| &named.file))?;
         let receivers = read(named.receivers.as_ref().map(|named| &named.file))?;
-        let scene = scene::import_content(path, &Limits::default(), content(&recipe))
-            .map_err(|source| Error::Scene { file: path.display().to_string(), source })?;
+        let scene = import_content(path, content(&recipe))?;
         Self::among(scene, Around { occluders, receivers }, recipe)
     }
 
@@ -120,7 +137,15 @@ impl Job {
         let occluders = Occluders::take(&mut scene, around.occluders, &mut recipe)?;
         checked.poses.root_motion = occluders.root_motion(&scene, &recipe.bake.surroundings);
         let mut poses = pose::sample(&scene, &checked.poses)?;
-        let receivers = Receivers::add(&mut scene, &mut poses, around.receivers);
+        let recomputed = normals::resolve(&mut recipe.bake, &scene.mesh, &poses)?;
+        checked_normals(&recipe)?;
+        scene.notices.extend(recomputed);
+        let receivers = Receivers::add(&mut scene, &poses, around.receivers);
+        let own = receivers.parts_before(&scene.mesh);
+        let kinds = surroundings::kinds(&recipe.bake, &scene.mesh, own);
+        if kinds.iter().any(|&kind| kind > 0) {
+            poses.take_in(&scene, &kinds);
+        }
         deep_enough(checked.subsurface, poses.size_m)?;
         let scene_hash = hash::scene(&scene.sources);
         forget_other_scene(&mut recipe, &scene_hash);
@@ -132,7 +157,11 @@ impl Job {
         let hashes = Hashes::of(&scene_hash, &recipe);
         let surroundings = bake::Surroundings::default();
         let surface = scene.surface.take().map(Arc::new);
-        let openings = surface.clone().and_then(|surface| openings(surface, &recipe));
+        let all = surface.clone().map(|lit| {
+            let received = receivers.surface();
+            occluders.surface_after(lit, (received, scene.mesh.triangles.len()))
+        });
+        let openings = all.and_then(|surface| openings(surface, &recipe));
         let surface = surface.filter(|_| recipe.bake.bounces > 0);
         let reflectance = surface.map(|surface| reflectance(surface, recipe.bake.bounces));
         let mut job = Self {
@@ -148,14 +177,10 @@ impl Job {
             openings,
             lit,
             facets: None,
+            buried: OnceLock::new(),
             tangents: OnceLock::new(),
         };
-        if job.recipe.bake.recompute_normals {
-            let mut rest = job.rest();
-            rest.positions.truncate(job.scene.mesh.positions.len());
-            rest.normals.truncate(job.scene.mesh.positions.len());
-            job.facets = Some(Facets::new(&rest, &job.scene.mesh.triangles));
-        }
+        job.facets = normals::facets(&job.recipe.bake, &job.scene);
         let around = &job.recipe.bake.surroundings;
         let character = |pose| job.receivers.without(job.deformed(pose));
         let mesh = &job.scene.mesh;
@@ -163,6 +188,7 @@ impl Job {
         job.receivers.hide(&mut resolved.views, &job.poses.points, mesh.triangles.len());
         job.surroundings = resolved;
         job.scene.notices.extend(notices);
+        job.skin()?;
         super::subdivide::check_scene(&job)?;
         Ok(job)
     }
@@ -252,9 +278,17 @@ impl Job {
             (None, None) => baker,
         };
         match self.checked.subsurface {
-            Some(subsurface) => Ok(baker.diffusing(subsurface)?),
+            Some(subsurface) => Ok(baker.diffusing_at(subsurface, self.skin()?)?),
             None => Ok(baker),
         }
+    }
+
+    /// The points that light travels below the surface of.
+    fn skin(&self) -> Result<Vec<u32>, Error> {
+        let Some(below) = &self.recipe.bake.subsurface else { return Ok(Vec::new()) };
+        let mesh = &self.scene.mesh;
+        let own = self.receivers.parts_before(mesh);
+        surroundings::skin(below, mesh, own, &self.poses.points)
     }
 
     /// Colour channels of the bake.

@@ -32,6 +32,7 @@ mod job;
 mod lit;
 mod map_light;
 mod measure;
+mod normals;
 mod notices;
 mod plan;
 mod plan_rays;

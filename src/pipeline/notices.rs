@@ -2,7 +2,7 @@
 
 use super::recipe::BakeRecipe;
 use super::reference::{rays_per_point, reference_rays};
-use super::{Job, ReferenceSettings};
+use super::{Job, ReferenceSettings, buried};
 use crate::bake;
 use crate::pose::Split;
 
@@ -35,6 +35,8 @@ pub fn notices(job: &Job) -> Vec<String> {
         notices.push("no joint moves in the training poses: a model is their mean".into());
     }
     notices.extend(held_out(job));
+    // What the tracer objects to it will say when it bakes.
+    notices.extend(job.buried.get_or_init(|| buried(job).unwrap_or_default()).iter().cloned());
     notices.extend(rounded(&job.recipe.bake));
     notices
 }
@@ -106,6 +108,22 @@ mod tests {
         recipe.poses.rate_hz = 2.0;
         let told = notices(&Job::new(moving, None, recipe).unwrap()).join("; ");
         assert!(!told.contains("does not move") && told.contains("held out"), "{told}");
+    }
+
+    /// Whoever asks for the notices of a job, a run or a service's too, hears of points inside other geometry.
+    #[test]
+    fn what_is_buried_is_told() {
+        let corners =
+            "v -3 -3 -3\nv 3 -3 -3\nv 3 3 -3\nv -3 3 -3\nv -3 -3 3\nv 3 -3 3\nv 3 3 3\nv -3 3 3\n";
+        let faces = "f 1 4 3 2\nf 5 6 7 8\nf 1 5 8 4\nf 2 3 7 6\nf 1 2 6 5\nf 4 8 7 3\n";
+        let bytes = format!("{corners}{faces}").into_bytes();
+        let source = crate::scene::Source { name: "hull.obj".into(), bytes };
+        let hull = crate::scene::import_sources(vec![source], &crate::scene::Limits::default());
+        let mut recipe = crate::pipeline::recipe::Recipe::default();
+        recipe.bake.surroundings.occluders = Some(Default::default());
+        let floor = crate::pipeline::two_nodes::scene(false);
+        let told = notices(&Job::new(floor, Some(hull.unwrap()), recipe).unwrap()).join("; ");
+        assert!(told.contains("4 of 4 points lie inside other geometry"), "{told}");
     }
 
     /// Seventeen rays are eighteen and said to be; even numbers and bounds need no word.

@@ -15,19 +15,23 @@ use std::path::Path;
 
 use super::imported::Imported;
 use super::measure::predict;
-use super::recipe::{OnName, Recipe};
+use super::recipe::{ChooseName, OnName, Recipe};
 use super::{Error, Job, Part, RecipeError, Watch, bake, encoding, fit_part};
 use crate::bake::gain;
 use crate::dataset::Dataset;
-use crate::fit::Shared;
+use crate::fit::{self, Shared};
 use crate::model::Model;
 use crate::num::random::hash;
+use crate::pose::{Sample, Split};
 
 /// Rays of the pilot.
 const PILOT_RAYS: u32 = 16;
 
 /// Training poses of the pilot, about.
 const PILOT_POSES: u32 = 64;
+
+/// Fewer poses do for no choice among models: each family has sizes for so many, also where a clip is left out.
+const LEAST_TO_CHOOSE: usize = 32;
 
 /// The share of the model's mean square error that noise may add.
 const SHARE: f64 = 0.05;
@@ -37,6 +41,10 @@ const TOLERANCE: f64 = 1.02;
 
 /// Rays to choose from.
 const RAYS: Range<u32> = 8..4097;
+
+/// Where even all poses of a pilot have no model.
+const NO_SIZES: &str =
+    "its training poses do not vary: state the noise of the bake instead (--noise)";
 
 /// Clips that are left out in turn, at most.
 const MOST_FOLDS: usize = 3;
@@ -97,8 +105,15 @@ pub fn plan_rays(
     check(recipe)?;
     let all = {
         let job = open(recipe.clone())?;
-        job.poses.samples.iter().filter(|s| s.split == crate::pose::Split::Training).count()
+        let of_training = |s: &&Sample| s.split == Split::Training;
+        let moves = !job.poses.parametrisation.columns.is_empty();
+        job.poses.samples.iter().filter(of_training).count() * usize::from(moves)
     };
+    if all < 2 {
+        let fault = "nothing moves in the training poses, so that one pose is its own model: state its noise \
+                     instead (--noise)";
+        return Err(Error::Pilot(fault.to_owned()));
+    }
     let pilot = Pilot::bake(&open, recipe, scratch, watch);
     let planned = pilot.and_then(|pilot| pilot.plan(recipe, all));
     // What the pilot leaves is of no use to anybody; the error that matters is the plan's.
@@ -162,6 +177,7 @@ impl Pilot {
         let noise = self.noise(&training)?;
         let count = training.len();
         let mut choices = Vec::new();
+        let is_open = recipe.target.choose != ChooseName::Nothing;
         // Motion that is trained on is served by every pose of it.
         let shares: &[usize] = match recipe.target.on {
             OnName::Trained => &[1],
@@ -169,6 +185,9 @@ impl Pilot {
         };
         for &share in shares {
             let poses = count.div_ceil(share);
+            if share > 1 && is_open && poses < LEAST_TO_CHOOSE {
+                continue;
+            }
             let noise = noise * count as f64 / poses as f64;
             if let Some(square) = self.left_out(&training, share)? {
                 // The models that were tried had their own noise.
@@ -176,8 +195,9 @@ impl Pilot {
             }
         }
         let Some(&(_, best)) = choices.last() else {
-            let fault = "one pose is its own model: state the noise of the bake instead (--noise)";
-            return Err(Error::Surroundings(fault.to_owned()));
+            let fault = "too few training poses are left where some are left out: state the noise of the bake \
+                         instead (--noise)";
+            return Err(Error::Pilot(fault.to_owned()));
         };
         if all > count {
             choices.push((all, best));
@@ -198,8 +218,9 @@ impl Pilot {
     /// What the noise of the pilot's rays adds to the mean square error of a model of all its poses.
     fn noise(&self, training: &[usize]) -> Result<f64, Error> {
         let halves = self.halves.each_ref().map(Imported::new);
-        let fit = |half| fit_part(half, &self.recipe, &Part::default(), &Shared::default());
-        let [a, b] = [fit(&halves[0])?.model, fit(&halves[1])?.model];
+        let fit =
+            |half| self.fit(half, &Part::default())?.ok_or_else(|| Error::Pilot(NO_SIZES.into()));
+        let [a, b] = [fit(&halves[0])?, fit(&halves[1])?];
         let (mut sum, mut count) = (0.0, 0.0);
         for &pose in training {
             let [found, other] =
@@ -225,7 +246,7 @@ impl Pilot {
                 continue;
             }
             let part = Part { keep: Some(&kept), ..Part::default() };
-            let model = fit_part(&half, &self.recipe, &part, &Shared::default())?.model;
+            let Some(model) = self.fit(&half, &part)? else { return Ok(None) };
             for &i in &fold {
                 let found = predicted(&model, &half, training[i])?;
                 let [a, b] = [0, 1].map(|half| self.baked(half, training[i]));
@@ -236,6 +257,31 @@ impl Pilot {
             }
         }
         Ok((count > 0.0).then(|| f64::max(sum / count, 0.0)))
+    }
+
+    /// The recipe's model of some poses, of smaller sizes where those are left to us and the poses do not have
+    /// them; nothing where they do not vary at all.
+    fn fit(&self, half: &Imported<'_>, part: &Part<'_>) -> Result<Option<Model>, Error> {
+        let mut recipe = self.recipe.clone();
+        loop {
+            match fit_part(half, &recipe, part, &Shared::default()) {
+                Ok(fitted) => return Ok(Some(fitted.model)),
+                Err(Error::Fit(fit::Error::Inputs { available, .. }))
+                    if recipe.fit.inputs.is_none() =>
+                {
+                    recipe.fit.inputs = Some(available as u32);
+                }
+                Err(Error::Fit(fit::Error::Outputs { available, .. }))
+                    if recipe.fit.outputs.is_none() =>
+                {
+                    recipe.fit.outputs = Some(available as u32);
+                }
+                Err(other) => return Err(other),
+            }
+            if recipe.fit.inputs == Some(0) || recipe.fit.outputs == Some(0) {
+                return Ok(None);
+            }
+        }
     }
 
     fn baked(&self, half: usize, pose: usize) -> Result<Vec<f32>, Error> {

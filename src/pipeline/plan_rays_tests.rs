@@ -145,3 +145,33 @@ fn the_predicted_noise_is_that_of_the_model() {
     let refused = plan_rays(open, &recipe, &scratch, &watch).expect_err("must be refused");
     assert!(refused.to_string().contains("bake.noise"), "{refused}");
 }
+
+/// Where nothing moves there is nothing for a pilot to find, which is said in those words; sizes that nobody
+/// asked for follow what the poses have; and where the model is left open, enough poses stay to choose among
+/// models.
+#[test]
+fn small_scenes_are_planned_or_refused_by_what_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let (cancelled, report) = (AtomicBool::new(false), |_: crate::pipeline::Progress| ());
+    let watch = Watch { cancelled: &cancelled, report: &report };
+    let mut recipe = Recipe::default();
+    (recipe.bake.signal, recipe.bake.order) = (SignalName::Ao, 1);
+    let still = |recipe| Job::new(crate::pipeline::two_nodes::scene(false), None, recipe);
+    let fault = plan_rays(still, &recipe, &folder.path().join("still"), &watch);
+    let fault = fault.expect_err("nothing moves").to_string();
+    assert!(fault.contains("nothing moves") && !fault.contains("surroundings"), "{fault}");
+
+    let hinge = |recipe| {
+        let scene = scene::import_sources(hinge(), &Limits::default()).unwrap();
+        Job::new(scene, None, recipe)
+    };
+    recipe.poses.hold_out = Some(Vec::new());
+    recipe.poses.rate_hz = 6.0;
+    let scratch = folder.path().join("hinge");
+    let free = plan_rays(hinge, &recipe, &scratch, &watch).unwrap();
+    assert!(free.choices.iter().any(|choice| choice.poses < LEAST_TO_CHOOSE), "{free:?}");
+    recipe.target.max_error = Some(0.1);
+    recipe.target.choose = ChooseName::Any;
+    let open = plan_rays(hinge, &recipe, &scratch, &watch).unwrap();
+    assert!(open.choices.iter().all(|choice| choice.poses >= LEAST_TO_CHOOSE), "{open:?}");
+}

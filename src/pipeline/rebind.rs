@@ -155,7 +155,7 @@ pub fn rebind(
             if hash::scene(&original.sources) != model.header().mesh.scene_sha256 {
                 return Err(RebindError::OtherScene { file: file.display().to_string() });
             }
-            Shape::of_points(&original)
+            Shape::of_points(&original, model)
         }
         None => Shape::of_model(model)?.ok_or(RebindError::NeedsOriginal)?,
     };

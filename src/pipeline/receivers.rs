@@ -12,8 +12,8 @@ use super::recipe::surroundings::ReceiversRecipe;
 use super::{Error, hash};
 use crate::bake::View;
 use crate::pose::PoseSet;
-use crate::rig::{self, Deformed, Points, Pose, RigidFrame};
-use crate::scene::{Scene, Source};
+use crate::rig::{self, Deformed, Mesh, Points, Pose, RigidFrame};
+use crate::scene::{Scene, Source, Surface};
 
 /// Before the names of a receivers' scene's files among a data set's sources.
 pub(super) const PREFIX: &str = "receivers:";
@@ -21,10 +21,12 @@ pub(super) const PREFIX: &str = "receivers:";
 /// Where the receivers are among the scene's vertices and triangles. The default is none.
 #[derive(Debug, Clone, Default)]
 pub struct Receivers {
-    /// Their first vertex and triangle; nothing where there are none.
-    first: Option<(usize, usize)>,
+    /// Their first part, vertex and triangle; nothing where there are none.
+    first: Option<(usize, usize, usize)>,
     /// In the root frame of every pose.
     place: Deformed,
+    /// What they let through.
+    surface: Option<Surface>,
     /// The files that they came from.
     sources: Vec<Source>,
 }
@@ -55,23 +57,35 @@ impl Receivers {
     }
 
     /// Appends a scene at rest to the mesh of another, bound to the node whose motion is taken out.
-    pub(super) fn add(scene: &mut Scene, poses: &mut PoseSet, receivers: Option<Scene>) -> Self {
+    pub(super) fn add(scene: &mut Scene, poses: &PoseSet, receivers: Option<Scene>) -> Self {
         let Some(receivers) = receivers else { return Self::default() };
         let rest = Pose::rest(&receivers.skeleton, &receivers.mesh.default_weights);
         let globals = receivers.skeleton.globals(&rest.local);
         let mut place = Deformed::default();
         rig::deform(&receivers.mesh, &globals, &rest.weights, RigidFrame::IDENTITY, &mut place);
         place.normals.iter_mut().for_each(|normal| *normal = normal.normalize_or_zero());
-        let first = Some((scene.mesh.positions.len(), scene.mesh.triangles.len()));
+        let mesh = &scene.mesh;
+        let first = Some((mesh.parts.len(), mesh.positions.len(), mesh.triangles.len()));
         let node = poses.root_node.unwrap_or(0);
         let rest = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
         let rest = scene.skeleton.globals(&rest.local).get(node).copied();
         let carrier = (node, rest.unwrap_or(Affine3A::IDENTITY));
         scene.mesh.carry(carrier, &place, &receivers.mesh.triangles, &receivers.mesh.parts);
-        poses.take_in(scene);
         let name = |source: Source| Source { name: format!("{PREFIX}{}", source.name), ..source };
+        let told = receivers.notices.into_iter().map(|notice| format!("receivers: {notice}"));
+        scene.notices.extend(told);
         let sources = receivers.sources.into_iter().map(name).collect();
-        Self { first, place, sources }
+        Self { first, place, surface: receivers.surface, sources }
+    }
+
+    /// How many parts a mesh has before the receivers'.
+    pub(super) fn parts_before(&self, mesh: &Mesh) -> usize {
+        self.first.map_or(mesh.parts.len(), |(part, ..)| part)
+    }
+
+    /// What they let through, where that is known.
+    pub(super) fn surface(&self) -> Option<&Surface> {
+        self.surface.as_ref()
     }
 
     /// The files, as they go into a data set.
@@ -81,7 +95,7 @@ impl Receivers {
 
     /// Puts the receivers of a mesh in the root frame in their place.
     pub(super) fn settle(&self, out: &mut Deformed) {
-        let Some((vertex, _)) = self.first else { return };
+        let Some((_, vertex, _)) = self.first else { return };
         let range = vertex..vertex + self.place.positions.len();
         out.positions[range.clone()].copy_from_slice(&self.place.positions);
         out.normals[range].copy_from_slice(&self.place.normals);
@@ -89,7 +103,7 @@ impl Receivers {
 
     /// Cuts a mesh to what is not a receiver.
     pub(super) fn without(&self, mut out: Deformed) -> Deformed {
-        if let Some((vertex, _)) = self.first {
+        if let Some((_, vertex, _)) = self.first {
             out.positions.truncate(vertex);
             out.normals.truncate(vertex);
         }
@@ -98,7 +112,7 @@ impl Receivers {
 
     /// Hides the receivers, which end at `triangles`, from all points but their own.
     pub(super) fn hide(&self, views: &mut Vec<View>, points: &Points, triangles: usize) {
-        let Some((vertex, triangle)) = self.first else { return };
+        let Some((_, vertex, triangle)) = self.first else { return };
         let hidden = triangle..triangles;
         let mut others: Vec<u32> = points.of_vertex[..vertex].to_vec();
         others.sort_unstable();

@@ -3,6 +3,7 @@ use std::sync::atomic::AtomicBool;
 use super::*;
 use crate::dataset::Dataset;
 use crate::pipeline::recipe::SignalName;
+use crate::pipeline::recipe::subsurface::SubsurfaceRecipe;
 use crate::pipeline::recipe::surroundings::{GroundRecipe, OccludersRecipe};
 use crate::pipeline::{Around, Job, Watch, bake, buried, fit, job_of};
 use crate::pose::RootMotion;
@@ -182,4 +183,60 @@ fn what_does_not_block_buries_nobody() {
     let mut near = recipe();
     (blocking.bake.max_distance_m, near.bake.max_distance_m) = (Some(0.5), Some(0.5));
     assert_eq!(within(occluding(), &blocking), within(Around::default(), &near));
+}
+
+/// Light below the surface is the character's: a patch under it keeps what it has, in every colour, and
+/// gives nothing to the feet that stand on it; so does a mesh that is not named. Names that nobody has are
+/// refused.
+#[test]
+fn receivers_are_no_skin() {
+    let below = |meshes: Vec<String>| {
+        let material = Some("skin".to_owned());
+        Some(SubsurfaceRecipe { material, meshes, ..SubsurfaceRecipe::default() })
+    };
+    let mut plain = recipe();
+    plain.poses.clips = Some(vec!["walk".into()]);
+    (plain.bake.signal, plain.bake.order, plain.bake.rays) = (SignalName::Transfer, 1, 16);
+    let first = |job: &Job| {
+        let baker = job.baker(&job.checked.bake, None).unwrap();
+        let posed = job.traced(0);
+        let mesh = bake::posed(job, 0, &posed);
+        baker.bake(&[mesh], &AtomicBool::new(false)).unwrap().swap_remove(0)
+    };
+    let diffused = Recipe {
+        bake: crate::pipeline::recipe::BakeRecipe {
+            subsurface: below(vec![]),
+            ..plain.bake.clone()
+        },
+        ..plain.clone()
+    };
+    // Building the figure takes longer than looking at it.
+    let figure = character();
+    let receiving = |mut recipe: Recipe| {
+        let named = ReceiversRecipe { file: "patch.obj".into(), sha256: None };
+        recipe.bake.surroundings.receivers = Some(named);
+        let around = Around { occluders: None, receivers: Some(patch()) };
+        Job::among(figure.clone(), around, recipe)
+    };
+    let alone = first(&Job::new(figure.clone(), None, diffused.clone()).unwrap());
+    let direct = first(&receiving(plain.clone()).unwrap());
+    let with = first(&receiving(diffused.clone()).unwrap());
+    let own = alone.noise.len();
+    for (point, row) in with.coefficients.chunks_exact(3).enumerate().skip(own) {
+        assert_eq!(row, [direct.coefficients[point]; 3]);
+    }
+    assert_eq!(with.noise[own..], direct.noise[own..]);
+    let pairs = with.coefficients[..3 * own].iter().zip(&alone.coefficients);
+    let off = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(off < 0.02, "{off}");
+
+    let named = |name: &str| {
+        let mut recipe = diffused.clone();
+        recipe.bake.subsurface = below(vec![name.to_owned()]);
+        receiving(recipe)
+    };
+    let fault = named("Coat").expect_err("no such mesh").to_string();
+    assert!(fault.contains("no mesh \"Coat\"; there are"), "{fault}");
+    let known = named(&figure.mesh.parts[0].name).unwrap();
+    assert_eq!(first(&known), with);
 }

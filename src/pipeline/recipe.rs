@@ -5,6 +5,7 @@
 
 mod fit;
 pub mod light;
+mod normals;
 pub mod subdivide;
 pub mod subsurface;
 pub mod surroundings;
@@ -14,6 +15,7 @@ pub use fit::{
     DEFAULT_POSE_CLUSTERS, DEFAULT_RETAINED, DEFAULT_SPHERES, FamilyName, FitRecipe, FrameName,
     RidgeName,
 };
+pub use normals::NormalsRecipe;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -226,10 +228,10 @@ pub struct BakeRecipe {
     /// there is a `noise`, else 16,384.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub most_rays: Option<u32>,
-    /// Shading normals of each pose are computed from its triangles; for morph targets and sequences
-    /// that move positions only.
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
-    pub recompute_normals: bool,
+    /// Whether, or of which meshes, shading normals of each pose are computed from its triangles; when absent, and
+    /// then filled in, of meshes morphed by targets that move positions and no normals.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recompute_normals: Option<NormalsRecipe>,
     /// Values at vertices are fitted by least squares to this many samples for each vertex, all over
     /// the surface and each of `rays`, 1 to 1024; sampled at the vertices when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -270,7 +272,7 @@ impl Default for BakeRecipe {
             more_rays: Vec::new(),
             more_noise: Vec::new(),
             most_rays: None,
-            recompute_normals: false,
+            recompute_normals: None,
             vertex_fit: None,
             albedo: None,
             subsurface: None,

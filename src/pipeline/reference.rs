@@ -14,7 +14,7 @@ use crate::bake::{self, Baker, Noise};
 use crate::dataset::{Dataset, Reference, ReferenceHeader, ReferencePose};
 use crate::num::random;
 use crate::rig::Deformed;
-use crate::scene::{self, Content, Limits, Source};
+use crate::scene::{self, Limits, Source};
 
 /// What baking the references did.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -101,8 +101,9 @@ pub(super) fn job_of_sources(
             .map_err(|source| Error::Scene { file: place.display().to_string(), source })
     };
     let [own, occluders, receivers] = surroundings::part(sources);
+    let around = job::content_around(&recipe);
     let other = |sources: Vec<_>| {
-        if sources.is_empty() { Ok(None) } else { import(sources, Content::Shape).map(Some) }
+        if sources.is_empty() { Ok(None) } else { import(sources, around).map(Some) }
     };
     let around = Around { occluders: other(occluders)?, receivers: other(receivers)? };
     let content = job::content(&recipe);

@@ -32,9 +32,9 @@ pub struct Missed {
     pub at_each: bool,
     /// The root mean square over points and poses.
     pub rms: f64,
-    /// The largest at a point.
-    pub worst: f32,
-    /// The share of points that have had the most rays and are noisier than asked for.
+    /// The same over those points that the most rays stopped.
+    pub stopped_rms: f64,
+    /// The share of these.
     pub share: f64,
     /// The most rays, all rounds together.
     pub most_rays: u32,
@@ -44,11 +44,12 @@ impl Missed {
     /// A sentence for the user.
     #[must_use]
     pub fn story(&self) -> String {
-        let Self { asked, at_each, rms, worst, share, most_rays } = self;
-        let (rms, worst, share) = (format!("{rms:.5}"), format!("{worst:.5}"), 100.0 * share);
+        let Self { asked, at_each, rms, stopped_rms, share, most_rays } = self;
+        let (rms, stopped, share) =
+            (format!("{rms:.5}"), format!("{stopped_rms:.5}"), 100.0 * share);
         let rest = format!(
-            "{share:.2} % of the vertices have had the most rays, {most_rays}, and are noisier, the worst \
-             {worst}: --rays allows more"
+            "{share:.2} % of the vertices have had the most rays, {most_rays}, which leave them {stopped} (RMS): \
+             --rays allows more"
         );
         if *at_each {
             format!(
@@ -78,6 +79,31 @@ impl Asked {
     }
 }
 
+/// Points that have had the most rays.
+#[derive(Default)]
+struct Stopped {
+    count: f64,
+    squares: f64,
+}
+
+impl Stopped {
+    fn add(&mut self, noise: f32) {
+        (self.count, self.squares) = (self.count + 1.0, self.squares + f64::from(noise).powi(2));
+    }
+
+    fn rms(&self) -> f64 {
+        (self.squares / self.count.max(1.0)).sqrt()
+    }
+
+    /// Whether they are noisier together than asked for. What is stored of one point is an estimate from as
+    /// little as two batches, which scatters widely about a noise that is reached; its square, whose
+    /// deviation is at most √2 of it, has no bias: their mean tells beyond two deviations of its own.
+    fn are_beyond(&self, asked: f32) -> bool {
+        let margin = 1.0 + 2.0 * (2.0 / self.count.max(1.0)).sqrt();
+        self.rms().powi(2) > margin * f64::from(asked).powi(2)
+    }
+}
+
 /// Reads what is stored of rays and noise; nothing where no pose is baked yet.
 ///
 /// # Errors
@@ -96,7 +122,7 @@ pub fn spent(dataset: &Dataset) -> Result<Option<Spent>, Error> {
     let asked = recipe_of(dataset).ok().and_then(|recipe| Asked::of(&recipe.bake));
     let (mut rays, mut noise) = (vec![0; layout.points], vec![0.0; layout.points]);
     let (mut sum, mut squares) = (0.0, 0.0);
-    let (mut short, mut worst) = (0_usize, 0.0_f32);
+    let mut stopped = Stopped::default();
     for step in 0..poses {
         let pose = baked[step * baked.len() / poses];
         dataset.read_rays(pose, &mut rays)?;
@@ -105,20 +131,22 @@ pub fn spent(dataset: &Dataset) -> Result<Option<Spent>, Error> {
         squares += noise.iter().map(|&noise| f64::from(noise).powi(2)).sum::<f64>();
         if let Some(asked) = &asked {
             let pairs = rays.iter().zip(&noise);
-            let at_most =
-                pairs.filter(|(rays, noise)| **rays >= asked.most_rays && **noise > asked.noise);
-            at_most.for_each(|(_, &noise)| (short, worst) = (short + 1, worst.max(noise)));
+            // What nothing blocks is exact, however many rays there were.
+            let noisy = pairs.filter(|(rays, noise)| **rays >= asked.most_rays && **noise > 0.0);
+            noisy.for_each(|(_, &noise)| stopped.add(noise));
         }
     }
     let count = (poses * layout.points) as f64;
     let (rays_per_point, noise) = (sum / count, (squares / count).sqrt());
-    let missed = asked.filter(|asked| short > 0 && (asked.at_each || noise > asked.noise.into()));
+    let missed = asked.filter(|asked| {
+        stopped.are_beyond(asked.noise) && (asked.at_each || noise > asked.noise.into())
+    });
     let missed = missed.map(|Asked { noise: asked, at_each, most_rays }| Missed {
         asked,
         at_each,
         rms: noise,
-        worst,
-        share: short as f64 / count,
+        stopped_rms: stopped.rms(),
+        share: stopped.count / count,
         most_rays,
     });
     Ok(Some(Spent { poses, rays_per_point, noise, missed }))

@@ -27,11 +27,28 @@ fn a_missed_noise_is_told() {
         assert_eq!((missed.asked, missed.most_rays, missed.rms), (1e-4, 32, spent.noise));
         assert_eq!(missed.at_each, goal == NoiseGoalName::Each);
         assert!(missed.share > 0.0 && missed.share <= 0.5, "{missed:?}");
-        assert!(f64::from(missed.worst) >= missed.rms && missed.rms > 1e-4, "{missed:?}");
+        assert!(missed.stopped_rms >= missed.rms && missed.rms > 1e-4, "{missed:?}");
         let told = missed.story();
         assert!(told.contains("0.0001 is not reached") && told.contains("32"), "{told}");
         assert_eq!(found(0.9, goal).missed, None);
     }
+}
+
+/// Points that the most rays just serve are no news, however single estimates scatter: with one degree of
+/// freedom each a third of them lies above a noise that all have. Points that are twice as noisy are, even a few.
+#[test]
+fn scatter_is_not_missing() {
+    let mut stream = crate::num::random::Stream::new(1);
+    let mut of = |count: usize, noise: f64| {
+        let mut stopped = Stopped::default();
+        (0..count).for_each(|_| stopped.add((noise * stream.normal()).abs() as f32));
+        stopped
+    };
+    for count in [1, 5, 1000] {
+        assert!(!of(count, 0.0095).are_beyond(0.01), "{count}");
+    }
+    let few = of(30, 0.02);
+    assert!(few.are_beyond(0.01) && !Stopped::default().are_beyond(0.01));
 }
 
 /// The most rays of all rounds: those that were stated, as they are cast, and the most of the last to a noise.

@@ -5,6 +5,7 @@ mod settings;
 use glam::{DQuat, Vec3};
 
 use super::evaluate::{EvaluateError, Light as ModelLight, Query};
+use super::evaluate_posed::anew;
 use super::gloss::Gloss;
 use super::recipe_of_model;
 use super::valued::{Valued, valued};
@@ -54,7 +55,7 @@ pub fn still(
     check(settings, model.is_some())?;
     let valued = model.map(|model| valued(model, scene)).transpose()?;
     let scene = valued.as_ref().map_or(scene, |valued| valued.scene.as_ref());
-    let frames = frames(scene, settings)?;
+    let frames = frames(scene, model, settings)?;
     let mut notices: Vec<String> =
         frames.first().and_then(|f| grain(scene, f)).into_iter().collect();
     notices.extend(valued.iter().flat_map(Valued::untold));
@@ -286,14 +287,22 @@ fn gloss(
 }
 
 /// The posed meshes, in the scene's own frame.
-fn frames(scene: &Scene, settings: &Still<'_>) -> Result<Vec<Posed>, StillError> {
+fn frames(
+    scene: &Scene,
+    model: Option<&Model>,
+    settings: &Still<'_>,
+) -> Result<Vec<Posed>, StillError> {
     let rest = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
     let grained = settings.brdf.as_ref().is_some_and(|brdf| !brdf.is_isotropic());
     let at_rest = grained.then(|| Tangents::new(&scene.skeleton, &scene.mesh));
+    let facets = model.and_then(|model| anew(model, scene));
     let posed = |pose: Pose, time_s| {
         let mut mesh = Deformed::default();
         let globals = scene.skeleton.globals(&pose.local);
         rig::deform(&scene.mesh, &globals, &pose.weights, RigidFrame::IDENTITY, &mut mesh);
+        if let Some(facets) = &facets {
+            facets.apply(&scene.mesh.triangles, &mut mesh);
+        }
         let tangents = at_rest.as_ref().map(|at_rest| {
             let mut out = Vec::new();
             let here = RigidFrame::IDENTITY;
@@ -370,10 +379,13 @@ fn untold(model: &Model) -> Option<&'static str> {
             "the model holds light that other surfaces pass on, which rays to the sky do not tell",
         );
     }
-    if !bake.surroundings.is_empty() {
-        return Some("the model holds what its surroundings block, which are not in the scene");
+    if bake.subsurface.is_some() {
+        return Some(
+            "the model holds light that travels below the surface, which rays to the sky do not tell",
+        );
     }
-    bake.recompute_normals.then_some("the model was baked with normals of its own")
+    let blocked = "the model holds what its surroundings block, which are not in the scene";
+    (!bake.surroundings.is_empty()).then_some(blocked)
 }
 
 #[cfg(test)]

@@ -1,15 +1,19 @@
 //! From what a recipe says of surroundings to what the baker needs: meshes that only block, the
 //! ground's height, and which meshes see which.
 
+use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
+
 use rayon::prelude::*;
 
-use super::recipe::Recipe;
+use super::recipe::subsurface::SubsurfaceRecipe;
 use super::recipe::surroundings::{GroundRecipe, SurroundingsRecipe};
+use super::recipe::{BakeRecipe, Recipe};
 use super::{Error, hash, receivers};
 use crate::bake::{self, NO_POINT, View};
 use crate::pose::{PoseSet, RootMotion};
 use crate::rig::{self, Deformed, Mesh, Part, Points, Pose, RigidFrame, Skeleton};
-use crate::scene::{Scene, Source};
+use crate::scene::{Scene, Source, Surface};
 
 /// Before the names of an occluder scene's files among a data set's sources. A scheme, so no file
 /// of the scene itself can have such a name.
@@ -20,9 +24,11 @@ const PREFIX: &str = "occluders:";
 pub struct Occluders {
     /// Moved by the scene's skeleton.
     moving: Mesh,
-    /// Metres, in the scene.
-    positions: Vec<glam::Vec3>,
+    /// In the scene.
+    place: Deformed,
     triangles: Vec<[u32; 3]>,
+    /// What the moving and the still part let through, where that is known.
+    surfaces: [Option<Surface>; 2],
     /// The files that the still part came from.
     sources: Vec<Source>,
 }
@@ -46,11 +52,13 @@ impl Occluders {
                     "{what} of the scene is on or below {nodes}"
                 )));
             }
-            let lit_triangles = scene.mesh.parts.iter().filter(|part| !carried[part.node]);
-            let lit_triangles = lit_triangles.flat_map(|part| part.triangles.clone());
-            if let Some(surface) = &mut scene.surface {
-                *surface = surface.select(lit_triangles);
-            }
+            let of = |moves: bool| {
+                let carried = &carried;
+                let parts = scene.mesh.parts.iter().filter(move |part| carried[part.node] == moves);
+                parts.flat_map(|part| part.triangles.clone())
+            };
+            taken.surfaces[0] = scene.surface.as_ref().map(|surface| surface.select(of(true)));
+            scene.surface = scene.surface.as_ref().map(|surface| surface.select(of(false)));
             scene.mesh = lit;
             taken.moving = moving;
         }
@@ -65,6 +73,8 @@ impl Occluders {
                 }
                 named.file = still.sources.first().map(|s| s.name.clone()).unwrap_or_default();
                 named.sha256 = Some(sha256);
+                let told = still.notices.iter().map(|notice| format!("occluders: {notice}"));
+                scene.notices.extend(told);
                 taken.add(still);
             }
             (Some(named), None) => {
@@ -84,14 +94,15 @@ impl Occluders {
         let globals = still.skeleton.globals(&rest.local);
         let mut posed = Deformed::default();
         rig::deform(&still.mesh, &globals, &rest.weights, RigidFrame::IDENTITY, &mut posed);
-        self.positions = posed.positions;
+        self.place = posed;
         self.triangles = still.mesh.triangles;
+        self.surfaces[1] = still.surface;
         let name = |source: Source| Source { name: format!("{PREFIX}{}", source.name), ..source };
         self.sources = still.sources.into_iter().map(name).collect();
     }
 
     fn is_empty(&self) -> bool {
-        self.positions.is_empty() && self.moving.positions.is_empty()
+        self.place.positions.is_empty() && self.moving.positions.is_empty()
     }
 
     /// The files of the still part, as they go into a data set.
@@ -114,10 +125,12 @@ impl Occluders {
             let mut moved = Deformed::default();
             rig::deform(&self.moving, globals, weights, root, &mut moved);
             out.positions.append(&mut moved.positions);
+            out.normals.append(&mut moved.normals);
         }
         let to_root = root.inverse();
-        out.positions.extend(self.positions.iter().map(|&p| to_root.transform_point3(p)));
-        out.normals.resize(out.positions.len(), glam::Vec3::ZERO);
+        let Deformed { positions, normals } = &self.place;
+        out.positions.extend(positions.iter().map(|&p| to_root.transform_point3(p)));
+        out.normals.extend(normals.iter().map(|&normal| to_root.transform_vector3(normal)));
     }
 
     /// The scene's triangles and points with the occluders'.
@@ -126,9 +139,28 @@ impl Occluders {
         let (lit, moving) = (mesh.positions.len() as u32, self.moving.positions.len() as u32);
         triangles.extend(self.moving.triangles.iter().map(|t| t.map(|corner| lit + corner)));
         triangles.extend(self.triangles.iter().map(|t| t.map(|corner| lit + moving + corner)));
-        let vertices = lit as usize + moving as usize + self.positions.len();
+        let vertices = lit as usize + moving as usize + self.place.positions.len();
         points.of_vertex.resize(vertices, NO_POINT);
         (triangles, points)
+    }
+
+    /// What the triangles of [`Self::with`] let through: those of the scene's own, of its receivers, which come
+    /// before `end`, and these.
+    pub(super) fn surface_after(
+        &self,
+        own: Arc<Surface>,
+        (receivers, end): (Option<&Surface>, usize),
+    ) -> Arc<Surface> {
+        let (lit, [moving, still]) = (own.material.len(), &self.surfaces);
+        if end == lit && self.is_empty() {
+            return own;
+        }
+        Arc::new(Surface::join(&[
+            (Some(&own), lit),
+            (receivers, end - lit),
+            (moving.as_ref(), self.moving.triangles.len()),
+            (still.as_ref(), self.triangles.len()),
+        ]))
     }
 
     /// What of the character's motion these and the ground leave without effect.
@@ -144,7 +176,7 @@ impl Occluders {
         let used =
             self.moving.influences.iter().map(|i| self.moving.deformers[i.deformer as usize]);
         let carried = root.is_none() || used.map(|deformer| deformer.node).all(below);
-        match (self.positions.is_empty() && carried, around.ground) {
+        match (self.place.positions.is_empty() && carried, around.ground) {
             (false, _) => RootMotion::Fixed,
             (true, Some(_)) => RootMotion::Upright,
             (true, None) => RootMotion::Rigid,
@@ -251,21 +283,61 @@ fn ground_m(
     Ok(height)
 }
 
+/// For each part of the mesh, of which those from `receivers` on receive, a number of how it is treated:
+/// points of differently treated parts differ, wherever they lie.
+pub(super) fn kinds(bake: &BakeRecipe, mesh: &Mesh, receivers: usize) -> Vec<u32> {
+    let around = &bake.surroundings;
+    let below = bake.subsurface.iter().flat_map(|below| &below.meshes);
+    let named: HashSet<&String> =
+        around.ignore.iter().flatten().chain(&around.ignore_self).chain(below).collect();
+    let kind = |(index, part): (usize, &Part)| {
+        let node = around.ignore_self.contains(&part.name).then_some(part.node);
+        let name = named.contains(&part.name).then(|| part.name.clone());
+        (index >= receivers, name, node)
+    };
+    let mut seen = HashMap::new();
+    let mut number = |kind| {
+        let next = seen.len() as u32;
+        *seen.entry(kind).or_insert(next)
+    };
+    mesh.parts.iter().enumerate().map(|part| number(kind(part))).collect()
+}
+
+/// The points of what light travels in below the surface: of the named meshes, or of all but receivers.
+pub(super) fn skin(
+    below: &SubsurfaceRecipe,
+    mesh: &Mesh,
+    receivers: usize,
+    points: &Points,
+) -> Result<Vec<u32>, Error> {
+    let own = &mesh.parts[..receivers];
+    known_meshes(below.meshes.iter(), own)?;
+    let of_it = own.iter().filter(|p| below.meshes.is_empty() || below.meshes.contains(&p.name));
+    let skin: HashSet<u32> =
+        of_it.flat_map(|part| &points.of_vertex[part.vertices.clone()]).copied().collect();
+    Ok(skin.into_iter().collect())
+}
+
+/// Whether there are meshes of these names.
+pub(super) fn known_meshes<'a>(
+    mut names: impl Iterator<Item = &'a String>,
+    parts: &[Part],
+) -> Result<(), Error> {
+    let unknown = names.find(|name| !parts.iter().any(|part| part.name == **name));
+    unknown.map_or(Ok(()), |name| {
+        let known: Vec<&str> = parts.iter().map(|part| part.name.as_str()).collect();
+        let known = listed(&known);
+        Err(Error::Surroundings(format!("there is no mesh {name:?}; there are {known}")))
+    })
+}
+
 /// One view for each mesh that does not see everything, or for each node that shows it where it is itself
 /// that it does not see: of two nodes with one mesh, each blocks the other.
 fn views(around: &SurroundingsRecipe, mesh: &Mesh, points: &Points) -> Result<Vec<View>, Error> {
     let pairs = || around.ignore.iter().flat_map(|[a, b]| [(a, b), (b, a)]);
     let mut names: Vec<&String> = around.ignore_self.iter().collect();
     names.extend(pairs().map(|(seer, _)| seer));
-    for name in &names {
-        if !mesh.parts.iter().any(|part| part.name == **name) {
-            let known: Vec<&str> = mesh.parts.iter().map(|part| part.name.as_str()).collect();
-            return Err(Error::Surroundings(format!(
-                "there is no mesh {name:?}; there are {}",
-                listed(&known)
-            )));
-        }
-    }
+    known_meshes(names.iter().copied(), &mesh.parts)?;
     let mut views = Vec::new();
     names.sort_unstable();
     names.dedup();

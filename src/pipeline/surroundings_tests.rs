@@ -1,5 +1,7 @@
 use std::sync::atomic::AtomicBool;
 
+use serde_json::{Value, json};
+
 use super::*;
 use crate::dataset::Dataset;
 use crate::pipeline::recipe::SignalName;
@@ -154,4 +156,98 @@ fn itself_is_the_same_node() {
         around.ignore = vec![["square".to_owned(), "square".to_owned()]];
     };
     assert_eq!(floor(pair), 1.0);
+}
+
+/// Layers that lie in one another and ignore each other have points of their own: the skin lies open under a
+/// roof that is part of the shirt, and the shirt lies in its shadow. Else the layers are the same points.
+#[test]
+fn layers_that_ignore_each_other_share_no_points() {
+    let mut scene = two_nodes::scene(false);
+    let node = scene.mesh.parts[1].node;
+    scene.mesh.deformers.iter_mut().for_each(|deformer| deformer.node = node);
+    let positions = scene.mesh.positions[..4].iter().map(|&p| p + 0.3 * glam::Vec3::Y).collect();
+    let roof = Deformed { positions, normals: vec![glam::Vec3::NEG_Y; 4] };
+    let part = Part { vertices: 0..4, triangles: 0..2, ..scene.mesh.parts[0].clone() };
+    let carrier = (node, glam::Affine3A::IDENTITY);
+    scene.mesh.carry(carrier, &roof, &[[0, 1, 2], [0, 2, 3]], &[part]);
+    let layers = |ignore: Vec<[String; 2]>| {
+        let mut recipe = Recipe::default();
+        (recipe.bake.signal, recipe.bake.rays) = (SignalName::Ao, 64);
+        recipe.bake.surroundings.ignore = ignore;
+        let job = Job::new(scene.clone(), None, recipe).unwrap();
+        let baker = job.baker(&job.checked.bake, None).unwrap();
+        let posed = job.traced(0);
+        let mesh = bake::posed(&job, 0, &posed);
+        let ao = baker.bake(&[mesh], &AtomicBool::new(false)).unwrap().swap_remove(0).coefficients;
+        let mean = |vertices: std::ops::Range<usize>| {
+            let points = &job.poses.points.of_vertex[vertices];
+            points.iter().map(|&point| ao[point as usize]).sum::<f32>() / 4.0
+        };
+        [mean(0..4), mean(4..8)]
+    };
+    let [shirt, skin] = layers(Vec::new());
+    assert!(shirt == skin && skin < 0.9, "{shirt} {skin}");
+    let [layer, skin] = layers(vec![["square".into(), "ground".into()]]);
+    assert!(skin == 1.0 && (layer - shirt).abs() < 0.05, "{layer} {skin}");
+}
+
+/// A pane over the floor that is cut away: it blocks as a whole, and its file's notices are told, unless
+/// transparency is asked for; so it is whether it lies in another file or is a node of the scene, and beside
+/// receivers. A pane of one side blocks from its front alone.
+#[test]
+fn occluders_have_their_materials() {
+    let mut floor = two_nodes::document(false);
+    floor["scenes"][0]["nodes"] = json!([1]);
+    let mut lid = two_nodes::document(false);
+    lid["scenes"][0]["nodes"] = json!([0]);
+    let mask = json!({
+        "alphaMode": "MASK",
+        "doubleSided": true,
+        "pbrMetallicRoughness": {"baseColorFactor": [1.0, 1.0, 1.0, 0.0]},
+    });
+    let cut = |mut document: Value| {
+        document["materials"] = json!([mask, {"doubleSided": false}]);
+        document["meshes"][0]["primitives"][0]["material"] = json!(0);
+        document
+    };
+    let mut single = cut(lid.clone());
+    single["meshes"][0]["primitives"][0]["material"] = json!(1);
+    let open = |scene: &Value, pane: Option<&Value>, edit: fn(&mut SurroundingsRecipe)| {
+        let mut recipe = Recipe::default();
+        (recipe.bake.signal, recipe.bake.rays) = (SignalName::Ao, 64);
+        let around = &mut recipe.bake.surroundings;
+        edit(around);
+        around.occluders = pane.map(|_| OccludersRecipe::default());
+        let read = |document: &Value, content| {
+            let bytes = document.to_string().into_bytes();
+            let source = Source { name: "a.gltf".into(), bytes };
+            scene::import_sources_content(vec![source], &Limits::default(), content).unwrap()
+        };
+        let own = read(scene, crate::pipeline::job::content(&recipe));
+        let pane = pane.map(|pane| read(pane, crate::pipeline::job::content_around(&recipe)));
+        let job = Job::new(own, pane, recipe).unwrap();
+        let baker = job.baker(&job.checked.bake, None).unwrap();
+        let posed = job.traced(0);
+        let mesh = bake::posed(&job, 0, &posed);
+        let ao = baker.bake(&[mesh], &AtomicBool::new(false)).unwrap().swap_remove(0).coefficients;
+        let told = job.scene.notices.join("; ");
+        (ao.iter().fold(1.0_f32, |least, &ao| least.min(ao)), told)
+    };
+    let pane = cut(lid);
+    let (blocked, told) = open(&floor, Some(&pane), |_| ());
+    assert!(blocked < 0.95 && told.contains("occluders: materials[0] is masked"), "{told}");
+    let (through, told) = open(&floor, Some(&pane), |around| around.transparency = true);
+    assert!(through == 1.0 && !told.contains("masked"), "{through} {told}");
+    let (behind, _) = open(&floor, Some(&single), |around| around.one_sided = true);
+    let (front, _) = open(&floor, Some(&single), |_| ());
+    assert!(behind == 1.0 && front == blocked, "{behind} {front}");
+
+    let node = |around: &mut SurroundingsRecipe| around.occluder_nodes = vec!["lid".into()];
+    let whole = cut(two_nodes::document(false));
+    assert_eq!(open(&whole, None, node).0, blocked);
+    let (through, _) = open(&whole, None, |around| {
+        around.occluder_nodes = vec!["lid".into()];
+        around.transparency = true;
+    });
+    assert_eq!(through, 1.0);
 }

@@ -1,11 +1,18 @@
 //! A scene of two nodes for tests: a lid half a metre over a floor, each a level square of four vertices.
 
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::scene::{self, Limits, Scene, Source};
 
 /// The lid comes first in the file. Both nodes show one mesh, or each its own.
 pub(super) fn scene(shared: bool) -> Scene {
+    let bytes = document(shared).to_string().into_bytes();
+    let source = Source { name: "two.gltf".into(), bytes };
+    scene::import_sources(vec![source], &Limits::default()).unwrap()
+}
+
+/// The scene's file.
+pub(super) fn document(shared: bool) -> Value {
     let corners = [[-1.0_f32, 0.0, -1.0], [-1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 0.0, -1.0]];
     let floats = corners.iter().chain(&[[0.0, 1.0, 0.0]; 4]).flatten();
     let mut bytes: Vec<u8> = floats.flat_map(|x| x.to_le_bytes()).collect();
@@ -17,7 +24,7 @@ pub(super) fn scene(shared: bool) -> Scene {
         let attributes = json!({"POSITION": 0, "NORMAL": 1});
         json!({"name": name, "primitives": [{"attributes": attributes, "indices": 2}]})
     };
-    let document = json!({
+    json!({
         "asset": {"version": "2.0"},
         "scene": 0,
         "scenes": [{"nodes": [0, 1]}],
@@ -40,7 +47,5 @@ pub(super) fn scene(shared: bool) -> Scene {
             "uri": format!("data:application/octet-stream,{text}"),
             "byteLength": bytes.len(),
         }],
-    });
-    let source = Source { name: "two.gltf".into(), bytes: document.to_string().into_bytes() };
-    scene::import_sources(vec![source], &Limits::default()).unwrap()
+    })
 }

@@ -2,8 +2,9 @@ use std::sync::atomic::AtomicBool;
 
 use super::*;
 use crate::dataset::Dataset;
+use crate::pipeline::recipe::subsurface::SubsurfaceRecipe;
 use crate::pipeline::recipe::surroundings::{ReceiversRecipe, SurroundingsRecipe};
-use crate::pipeline::recipe::{Recipe, SignalName};
+use crate::pipeline::recipe::{FamilyName, Recipe, SignalName};
 use crate::pipeline::{Around, Job, Query, Still, StillError, Watch, bake, fit, still, two_nodes};
 use crate::rig::Pose;
 use crate::scene::{self, Limits, Source, figure};
@@ -20,6 +21,10 @@ fn model(receivers: Option<Scene>, edit: impl FnOnce(&mut SurroundingsRecipe)) -
     let mut recipe = Recipe::default();
     (recipe.bake.signal, recipe.bake.rays) = (SignalName::Ao, 64);
     edit(&mut recipe.bake.surroundings);
+    model_of(receivers, recipe)
+}
+
+fn model_of(receivers: Option<Scene>, recipe: Recipe) -> Model {
     let around = Around { occluders: None, receivers };
     let job = Job::among(two_nodes::scene(false), around, recipe).unwrap();
     let folder = tempfile::tempdir().unwrap();
@@ -98,4 +103,24 @@ fn another_scene_is_refused() {
     assert!(told.ends_with("but the model is of a mesh with 8"), "{told}");
     let refused = still(&figure, Some(&model), &picture());
     assert!(matches!(refused, Err(StillError::Evaluate(EvaluateError::Vertices { .. }))));
+}
+
+/// Rays to the sky know nothing of light below the surface: beside such a model no truth is shown, and the
+/// picture says why. Beside a model of direct transfer there is one.
+#[test]
+fn light_below_the_surface_has_no_truth() {
+    let whole = two_nodes::scene(false);
+    let told = |material: Option<&str>| {
+        let mut recipe = Recipe::default();
+        (recipe.bake.signal, recipe.bake.order, recipe.bake.rays) = (SignalName::Transfer, 1, 8);
+        recipe.fit.family = FamilyName::Mean;
+        recipe.bake.subsurface = material.map(|name| SubsurfaceRecipe {
+            material: Some(name.to_owned()),
+            ..SubsurfaceRecipe::default()
+        });
+        let model = model_of(None, recipe);
+        still(&whole, Some(&model), &picture()).unwrap().notices.join("; ")
+    };
+    assert!(told(Some("skin")).contains("below the surface"), "{}", told(Some("skin")));
+    assert!(!told(None).contains("no truth"), "{}", told(None));
 }

@@ -158,15 +158,16 @@ pub struct PoseSet {
 
 impl PoseSet {
     /// Takes in what was appended to the scene's mesh since: its points, and the turns of the nodes that
-    /// carry it. Poses, parameters and the root's motion are those of before.
+    /// carry it, of parts that are treated alike ([`Points::merge_apart`]). Poses, parameters and the root's
+    /// motion are those of before.
     ///
     /// # Panics
     /// If the scene's skeleton is another.
-    pub fn take_in(&mut self, scene: &Scene) {
+    pub fn take_in(&mut self, scene: &Scene, kinds: &[u32]) {
         let skeleton = &scene.skeleton;
         let rest = Pose::rest(skeleton, &scene.mesh.default_weights);
         let rest_globals = skeleton.globals(&rest.local);
-        self.points = Points::merge(&scene.mesh);
+        self.points = Points::merge_apart(&scene.mesh, kinds);
         self.bones = Bones::dominant(&scene.mesh, &self.points);
         for sample in &mut self.samples {
             let globals = skeleton.globals(&sample.pose.local);

@@ -2,6 +2,7 @@
 //! targets and sequences that move positions only.
 
 use std::collections::HashMap;
+use std::ops::Range;
 
 use glam::{DVec3, Vec3};
 
@@ -15,6 +16,8 @@ pub struct Facets {
     group: Vec<u32>,
     /// Per group, −1 where the triangles run clockwise seen from outside (mirroring nodes).
     side: Vec<f64>,
+    /// The vertices whose normals are computed.
+    vertices: Vec<Range<usize>>,
 }
 
 impl Facets {
@@ -38,13 +41,20 @@ impl Facets {
                 group
             })
             .collect();
-        let this = Self { group, side: vec![1.0; normals.len()] };
+        let vertices = std::iter::once(0..group.len()).collect();
+        let this = Self { group, side: vec![1.0; normals.len()], vertices };
         let sums = this.sums(&rest.positions, triangles);
         let side = sums
             .iter()
             .zip(&normals)
             .map(|(sum, normal)| if sum.dot(normal.as_dvec3()) < 0.0 { -1.0 } else { 1.0 });
         Self { side: side.collect(), ..this }
+    }
+
+    /// The same for some of the vertices; all others keep what they have.
+    #[must_use]
+    pub fn only(self, vertices: Vec<Range<usize>>) -> Self {
+        Self { vertices, ..self }
     }
 
     /// Gives every vertex the area-weighted mean of its group's triangles in this pose; one whose
@@ -54,10 +64,10 @@ impl Facets {
     /// If the pose is of another mesh.
     pub fn apply(&self, triangles: &[[u32; 3]], posed: &mut Deformed) {
         let sums = self.sums(&posed.positions, triangles);
-        for (normal, &group) in posed.normals.iter_mut().zip(&self.group) {
-            let group = group as usize;
+        for vertex in self.vertices.iter().cloned().flatten() {
+            let group = self.group[vertex] as usize;
             if let Some(unit) = (sums[group] * self.side[group]).try_normalize() {
-                *normal = unit.as_vec3();
+                posed.normals[vertex] = unit.as_vec3();
             }
         }
     }

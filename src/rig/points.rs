@@ -27,12 +27,27 @@ impl Points {
     /// If the mesh has more than 2³² vertices or its arrays disagree in length.
     #[must_use]
     pub fn merge(mesh: &Mesh) -> Self {
+        Self::merge_apart(mesh, &[])
+    }
+
+    /// The same where meshes that lie in one another are not treated alike: vertices of parts of different
+    /// kinds are never one point. `kinds` has one for each part, or none at all.
+    ///
+    /// # Panics
+    /// As [`Self::merge`].
+    #[must_use]
+    pub fn merge_apart(mesh: &Mesh, kinds: &[u32]) -> Self {
+        let mut kind_of = vec![0; mesh.positions.len()];
+        for (part, &kind) in mesh.parts.iter().zip(kinds) {
+            kind_of[part.vertices.clone()].fill(kind);
+        }
         let deformers = canonical_deformers(mesh);
         let morphs = morph_words(mesh);
         let mut seen: HashMap<Vec<u32>, u32> = HashMap::with_capacity(mesh.positions.len());
         let mut points = Self::default();
-        for vertex in 0..mesh.positions.len() {
-            let mut key = Vec::with_capacity(16);
+        for (vertex, &kind) in kind_of.iter().enumerate() {
+            let mut key = Vec::with_capacity(17);
+            key.push(kind);
             key.extend(words(mesh.positions[vertex].to_array()));
             key.extend(words(mesh.normals[vertex].to_array()));
             let mut influences: Vec<[u32; 2]> = mesh
@@ -53,6 +68,18 @@ impl Points {
             points.of_vertex.push(point);
         }
         points
+    }
+
+    /// The map of which one half is known; `of_vertex` numbers points by their first vertex.
+    #[must_use]
+    pub fn numbered(of_vertex: &[u32]) -> Self {
+        let mut vertex = Vec::new();
+        for (index, &point) in (0..).zip(of_vertex) {
+            if point as usize == vertex.len() {
+                vertex.push(index);
+            }
+        }
+        Self { vertex, of_vertex: of_vertex.to_vec() }
     }
 
     /// How many points there are.
@@ -154,5 +181,31 @@ mod tests {
         };
         assert_eq!(with(Vec3::X).of_vertex, [0, 1, 0, 0]);
         assert_eq!(with(Vec3::ZERO).of_vertex, [0; 4]);
+    }
+
+    /// Proves that what is not treated alike is kept apart, however much it agrees.
+    #[test]
+    fn kinds_part_vertices() {
+        let part = |vertices| crate::rig::Part {
+            node: 0,
+            source_node: 0,
+            primitive: 0,
+            name: "layer".into(),
+            vertices,
+            triangles: 0..0,
+        };
+        let layered = |kinds: &[u32]| {
+            let mesh = Mesh {
+                positions: vec![Vec3::X; 4],
+                normals: vec![Vec3::Y; 4],
+                influence_starts: vec![0; 5],
+                parts: vec![part(0..1), part(1..2), part(2..4)],
+                ..Mesh::default()
+            };
+            Points::merge_apart(&mesh, kinds).of_vertex
+        };
+        assert_eq!(layered(&[]), [0; 4]);
+        assert_eq!(layered(&[7, 7, 7]), [0; 4]);
+        assert_eq!(layered(&[7, 1, 7]), [0, 1, 0, 0]);
     }
 }

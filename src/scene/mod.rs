@@ -77,6 +77,8 @@ pub enum Content {
     Surface {
         /// The reflectance of parts without a material, 0 to 1.
         plain: f32,
+        /// Whether alpha counts; else materials that would let light through are told of.
+        transparency: bool,
     },
 }
 
@@ -272,11 +274,16 @@ fn read(
 }
 
 impl Content {
+    /// Whether materials that would let light through block as a whole.
+    fn blocks_whole(self) -> bool {
+        !matches!(self, Self::Surface { transparency: true, .. })
+    }
+
     /// The reflectance of parts without a material, where reflectance is asked for.
     fn plain(self) -> Option<f32> {
         match self {
             Self::Shape => None,
-            Self::Surface { plain } => Some(plain),
+            Self::Surface { plain, .. } => Some(plain),
         }
     }
 }

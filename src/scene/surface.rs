@@ -164,6 +164,34 @@ impl Surface {
         self.material.get(triangle).map(|&material| &self.materials[material as usize])
     }
 
+    /// One surface after another, each with how many triangles it is of; those that are not known are solid
+    /// from both sides.
+    #[must_use]
+    pub fn join(parts: &[(Option<&Self>, usize)]) -> Self {
+        let solid = Material { double_sided: true, ..Material::default() };
+        let mut joined = Self { materials: vec![solid], ..Self::default() };
+        let held = |list: fn(&Self) -> bool| parts.iter().any(|(part, _)| part.is_some_and(list));
+        let uv = held(|part| !part.uv.is_empty());
+        let colour = held(|part| !part.colour.is_empty());
+        let alpha = held(|part| !part.alpha.is_empty());
+        for &(part, triangles) in parts {
+            let first = joined.materials.len() as u32;
+            let all = joined.material.len() + triangles;
+            if let Some(part) = part {
+                joined.materials.extend(part.materials.iter().cloned());
+                joined.material.extend(part.material.iter().map(|&material| first + material));
+                joined.uv.extend(&part.uv);
+                joined.colour.extend(&part.colour);
+                joined.alpha.extend(&part.alpha);
+            }
+            joined.material.resize(all, 0);
+            joined.uv.resize(if uv { all } else { 0 }, [[0.0; 2]; 3]);
+            joined.colour.resize(if colour { all } else { 0 }, [[1.0; 3]; 3]);
+            joined.alpha.resize(if alpha { all } else { 0 }, [1.0; 3]);
+        }
+        joined
+    }
+
     /// The surface of these triangles alone.
     #[must_use]
     pub fn select(&self, triangles: impl Iterator<Item = usize> + Clone) -> Self {

@@ -5,11 +5,12 @@
 const MOST_TOLD: usize = 80;
 
 /// Flags that stages name in their sentences, with the recipe's field of each.
-const FIELDS: [(&str, &str); 4] = [
+const FIELDS: [(&str, &str); 5] = [
     ("--hold-out", "`poses.hold_out`"),
     ("--noise", "`bake.noise`"),
     ("--ground", "`bake.surroundings.ground`"),
     ("--rays", "`bake.rays`"),
+    ("--keep-normals", "`bake.recompute_normals`: false"),
 ];
 
 /// A stage's sentence with the recipe's fields in place of flags.

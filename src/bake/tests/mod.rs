@@ -22,6 +22,7 @@ use super::*;
 use crate::rig::Points;
 
 /// A mesh with one point per vertex, or only for the first few.
+#[derive(Clone)]
 pub(super) struct Body {
     /// All later vertices share one more point.
     pub(super) sensors: usize,

@@ -242,3 +242,40 @@ fn nonsense_is_refused() {
     }
     assert_eq!(Subsurface::named("jade"), None);
 }
+
+/// Where a part of the points alone is of the material, that part is diffused as if it were alone, and all
+/// others keep their bits, in as many channels.
+#[test]
+fn skin_ends_where_it_is_said_to() {
+    let mut body = Body::sphere(2);
+    let own = body.positions.len();
+    let skin = Subsurface::named("skin").unwrap();
+    let points: Vec<u32> = (0..own as u32).collect();
+    let bake = |body: &Body, points: Option<Vec<u32>>| {
+        let baker = body.baker(&settings(Signal::Transfer, 16));
+        let baker = match points {
+            Some(points) => baker.diffusing_at(skin, points).unwrap(),
+            None => baker,
+        };
+        baker.bake(&[body.posed(0.0)], &AtomicBool::new(false)).unwrap().swap_remove(0)
+    };
+    // A twin inside the sphere, dark and so close that it would darken it.
+    let alone = bake(&body, Some(points.clone()));
+    body.positions.extend(body.positions.clone().iter().map(|p| *p * 0.9999));
+    body.normals.extend(body.normals.clone());
+    let inner: Vec<[u32; 3]> = body.triangles.iter().map(|t| t.map(|c| c + own as u32)).collect();
+    body.triangles.extend(inner);
+    let (direct, both) = (bake(&body, None), bake(&body, Some(points)));
+    let width = 36;
+    for (point, row) in both.coefficients.chunks_exact(3 * width).enumerate().skip(own) {
+        let kept = &direct.coefficients[point * width..(point + 1) * width];
+        assert!((0..3).all(|channel| &row[channel * width..][..width] == kept));
+    }
+    assert_eq!((&both.noise[own..], &both.rays), (&direct.noise[own..], &direct.rays));
+    let pairs = both.coefficients[..own * 3 * width].iter().zip(&alone.coefficients);
+    let off = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(off < 1e-3, "{off}");
+    let beyond =
+        body.baker(&settings(Signal::Transfer, 16)).diffusing_at(skin, vec![2 * own as u32]);
+    assert!(matches!(beyond, Err(Error::Points { .. })));
+}

@@ -157,3 +157,33 @@ fn nonsense_is_refused() {
     let error = refused(&ao, Surroundings { views: vec![view], ..none() });
     assert!(matches!(error, Error::Points { value: 600, .. }));
 }
+
+/// A speck far away changes no bit of what is baked, on whichever scale: the tracer's numbers go by the points.
+#[test]
+fn far_occluders_are_harmless() {
+    for size in [1e-3_f32, 1.0, 1e3] {
+        let mut body = Body::sphere(2);
+        body.positions.iter_mut().for_each(|p| *p = *p * size + Vec3::splat(0.3 * size));
+        let points = body.positions.len();
+        let bake = |body: &Body| {
+            let mut own = Points { vertex: (0..points as u32).collect(), ..Points::default() };
+            own.of_vertex = (0..body.positions.len() as u32).collect();
+            own.of_vertex[points..].fill(NO_POINT);
+            let baker = Baker::new(&body.triangles, &own, &settings(Signal::Ao, 64)).unwrap();
+            let cancelled = AtomicBool::new(false);
+            baker.bake(&[body.posed(0.0)], &cancelled).unwrap().swap_remove(0).coefficients
+        };
+        // A lid, so that something blocks.
+        let lid = [[-1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [1.0, -1.0]];
+        body.quad(lid.map(|[x, z]| size * Vec3::new(x, 1.8, z)));
+        let near = bake(&body);
+        for far in [1e4, 1e6, 1e20, 1e30] {
+            let mut body = body.clone();
+            body.quad(lid.map(|[x, z]| Vec3::new(far, x, z)));
+            let found = bake(&body);
+            assert!(found.iter().all(|ao| ao.is_finite()), "{far}");
+            let same = found == near;
+            assert!(same || far > 1e9, "{size} {far}");
+        }
+    }
+}

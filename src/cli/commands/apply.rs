@@ -12,8 +12,15 @@ use crate::rig::Pose;
 use crate::scene::{self, Attribute, Scene};
 use crate::sh::bent_normal;
 
-/// 2√π: from a transfer's first coefficient to what ambient light of radiance 1 makes of it.
-const AMBIENT: f32 = 3.544_907_7;
+/// From a signal's first coefficient to what is open of the sky, 0 to 1: ambient occlusion is that; light of
+/// radiance 1 from everywhere makes 2√π of transfer; the mean of visibility over all directions is 1/√(4π).
+fn openness(signal: Signal) -> f32 {
+    match signal {
+        Signal::Ao => 1.0,
+        Signal::Visibility => 0.282_094_8,
+        Signal::Transfer => 3.544_907_7,
+    }
+}
 
 pub(in crate::cli) fn apply(args: &ApplyArgs) -> anyhow::Result<Answer> {
     for output in std::iter::once(&args.output).chain(&args.receivers_output) {
@@ -152,7 +159,7 @@ fn attributes(model: &Model, values: &[f32], colour: bool) -> Vec<Attribute> {
     let mut attributes = columns(header.signal, width, values);
     if colour {
         let count = header.coefficients();
-        let scale = if header.signal == Signal::Ao { 1.0 } else { AMBIENT };
+        let scale = openness(header.signal);
         let of = |row: &[f32]| {
             let channel = |c: usize| row.get(c * count).or(row.first()).copied().unwrap_or(0.0);
             [0, 1, 2].map(|c| (channel(c) * scale).clamp(0.0, 1.0))
@@ -161,4 +168,27 @@ fn attributes(model: &Model, values: &[f32], colour: bool) -> Vec<Attribute> {
         attributes.push(Attribute { name: "COLOR_0".into(), width: 3, values });
     }
     attributes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Under open sky a level surface is white, whatever the signal: ambient occlusion 1, the first coefficient
+    /// of its transfer 1/(2√π), and half of the visible sphere, which is 0.5. Half as much is half as bright.
+    #[test]
+    fn colours_are_what_is_open() {
+        let root_pi = std::f32::consts::PI.sqrt();
+        for (signal, first, expected) in [
+            (Signal::Ao, 1.0, 1.0),
+            (Signal::Transfer, 0.5 / root_pi, 1.0),
+            (Signal::Visibility, root_pi, 0.5),
+            (Signal::Visibility, 2.0 * root_pi, 1.0),
+        ] {
+            for share in [1.0, 0.5] {
+                let found = share * first * openness(signal);
+                assert!((found - share * expected).abs() < 1e-6, "{signal:?}: {found}");
+            }
+        }
+    }
 }

@@ -25,13 +25,11 @@ pub(in crate::cli) fn bake(args: &BakeArgs, watch: &Watch) -> anyhow::Result<Ans
         let mut job = as_refined(job, &place)?;
         job.scene.notices.extend(chosen);
         check_place(&job, &args.output)?;
-        tell_buried(&mut job)?;
         return Ok(planned(&job, &pipeline::plan(&job)?, false));
     }
     let mut job = pipeline::refined(job, &place, watch)?;
     job.scene.notices.extend(chosen);
     let from = args.from.as_deref();
-    tell_buried(&mut job)?;
     let baked = pipeline::bake_from(&job, &args.output, from, watch)?;
     let spent = pipeline::spent(&Dataset::open(&args.output)?)?;
     let mut text = args.output.display().to_string();
@@ -89,13 +87,6 @@ pub(super) fn as_refined(job: Job, place: &Path) -> anyhow::Result<Job> {
 /// Whether a data set is of this job; of one that is yet to be refined there can be none.
 pub(super) fn check_place(job: &Job, path: &Path) -> anyhow::Result<()> {
     if job.is_to_be_refined() { Ok(()) } else { Ok(pipeline::check_place(job, path)?) }
-}
-
-/// Adds what lies inside other geometry to the notices.
-pub(super) fn tell_buried(job: &mut Job) -> anyhow::Result<()> {
-    let buried = pipeline::buried(job)?;
-    job.scene.notices.extend(buried);
-    Ok(())
 }
 
 /// The rays and the noise of a data set, for people.

@@ -31,8 +31,7 @@ pub(in crate::cli) fn inspect(args: &InspectArgs) -> anyhow::Result<Answer> {
 }
 
 fn scene(path: &Path) -> anyhow::Result<Answer> {
-    let mut job = Job::open(path, Recipe::default())?;
-    super::bake::tell_buried(&mut job)?;
+    let job = Job::open(path, Recipe::default())?;
     let plan = pipeline::plan(&job)?;
     let mesh = &job.scene.mesh;
     let clips: Vec<Value> = job

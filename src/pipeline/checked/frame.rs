@@ -3,7 +3,7 @@
 use super::require;
 use crate::model::Frame;
 use crate::pipeline::RecipeError;
-use crate::pipeline::recipe::{FamilyName, FitRecipe, FrameName, Recipe};
+use crate::pipeline::recipe::{FamilyName, FitRecipe, FrameName, NormalsRecipe, Recipe};
 
 /// The frame of a fit.
 pub(super) fn checked_frame(fit: &FitRecipe) -> Result<Frame, RecipeError> {
@@ -20,9 +20,11 @@ pub(super) fn checked_frame(fit: &FitRecipe) -> Result<Frame, RecipeError> {
 }
 
 /// Whether tangents go with the normals of the bake.
-pub(super) fn checked_normals(recipe: &Recipe) -> Result<(), RecipeError> {
-    let anew = recipe.bake.recompute_normals && recipe.fit.frame == FrameName::Tangent;
-    let expected = "it goes with normals that the skin carries, not with `bake.recompute_normals`";
+pub(in crate::pipeline) fn checked_normals(recipe: &Recipe) -> Result<(), RecipeError> {
+    let anew = recipe.bake.recompute_normals.as_ref().is_some_and(NormalsRecipe::is_any);
+    let anew = anew && recipe.fit.frame == FrameName::Tangent;
+    let expected = "it goes with normals that the skin carries, not with `bake.recompute_normals`, which is \
+                    for morph targets that move none (--keep-normals)";
     require(!anew, "fit.frame", Frame::Tangent, expected)
 }
 
@@ -38,9 +40,9 @@ mod tests {
         recipe.fit.frame = FrameName::Tangent;
         assert_eq!(Checked::new(&recipe).expect("a frame").fit.frame, Frame::Tangent);
         let told = |recipe: &Recipe| Checked::new(recipe).expect_err("refused").to_string();
-        recipe.bake.recompute_normals = true;
+        recipe.bake.recompute_normals = Some(NormalsRecipe::All(true));
         assert!(told(&recipe).contains("bake.recompute_normals"), "{}", told(&recipe));
-        recipe.bake.recompute_normals = false;
+        recipe.bake.recompute_normals = Some(NormalsRecipe::All(false));
         recipe.fit.local = Some(0.3);
         assert!(told(&recipe).contains("fit.local"), "{}", told(&recipe));
         recipe.fit.local = None;

@@ -54,9 +54,13 @@ impl Shape {
         Self::of(&scene.skeleton, &scene.mesh, &scene.mesh.triangles, &same)
     }
 
-    /// The points of a scene.
-    pub(super) fn of_points(scene: &Scene) -> Self {
-        let points = Points::merge(&scene.mesh);
+    /// The points of a scene as a model of it has them.
+    pub(super) fn of_points(scene: &Scene, model: &Model) -> Self {
+        let mut points = Points::merge(&scene.mesh);
+        if points.count() != model.shape().points {
+            // Meshes that are not treated alike share none.
+            points = Points::numbered(model.point_of_vertex());
+        }
         let mesh = scene.mesh.subset(&points.vertex);
         let point = |vertex: u32| points.of_vertex[vertex as usize];
         Self::of(&scene.skeleton, &mesh, &scene.mesh.triangles, &point)

@@ -23,6 +23,9 @@ pub struct SubsurfaceRecipe {
     /// Refractive index, 1 to 3; 1.3 when absent. Only with lengths.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub refractive_index: Option<f32>,
+    /// Meshes of the material, by name; all of the scene's where there are none. Receivers are never of it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub meshes: Vec<String>,
 }
 
 /// Refractive index where none is given: that of skin.

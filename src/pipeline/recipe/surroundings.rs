@@ -31,7 +31,7 @@ pub struct SurroundingsRecipe {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ignore: Vec<[String; 2]>,
     /// Materials that are masked or blended let rays through by their alpha; else they block as a
-    /// whole. What only blocks is solid either way.
+    /// whole. What only blocks and what receives are no exception.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub transparency: bool,
     /// Materials that are not double-sided block from their front alone; else both sides block.

@@ -92,11 +92,11 @@ pub(super) fn build(
     }
     let surface = match content.plain() {
         Some(plain) => Some(surface::read(&mut file, &built.mesh, sources, plain)?),
-        None => {
-            surface::tell_alpha(&mut file);
-            None
-        }
+        None => None,
     };
+    if content.blocks_whole() {
+        surface::tell_alpha(&mut file);
+    }
     for fault in file.unread_accessor_faults() {
         notices.add(format!("not needed, but broken: {fault}"));
     }

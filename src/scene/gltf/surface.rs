@@ -25,6 +25,9 @@ const FRACTIONS: &[(ComponentType, Option<bool>)] = &[
     (ComponentType::U8, Some(true)),
     (ComponentType::U16, Some(true)),
 ];
+/// What files of before metallic-roughness have.
+const GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
+
 const TEXCOORDS: Format = Format { kind: Type::Vec2, components: FRACTIONS };
 const RGB: Format = Format { kind: Type::Vec3, components: FRACTIONS };
 const RGBA: Format = Format { kind: Type::Vec4, components: FRACTIONS };
@@ -42,7 +45,7 @@ struct Mapping {
 pub(super) fn external(root: &gltf::json::Root) -> Vec<String> {
     let mut names = Vec::new();
     for material in &root.materials {
-        let Some(info) = &material.pbr_metallic_roughness.base_color_texture else { continue };
+        let Some(info) = base(material).1 else { continue };
         let image = root.textures.get(info.index.value()).map(|texture| texture.source.value());
         let Some(uri) = image.and_then(|i| root.images.get(i)?.uri.as_ref()) else { continue };
         if uri::is_data(uri) {
@@ -205,14 +208,27 @@ pub(super) fn tell_alpha(file: &mut File) {
     }
 }
 
+/// What a material reflects diffusely, and its texture: the base colour, or where the file has the older
+/// specular-glossiness, its diffuse part.
+fn base(material: &Json) -> ([f32; 4], Option<Info>) {
+    let pbr = &material.pbr_metallic_roughness;
+    let held = material.extensions.as_ref().and_then(|all| all.others.get(GLOSSINESS));
+    let Some(gloss) = held else {
+        return (pbr.base_color_factor.0, pbr.base_color_texture.clone());
+    };
+    let factor = gloss.get("diffuseFactor").cloned();
+    let factor = factor.and_then(|json| serde_json::from_value(json).ok()).unwrap_or([1.0; 4]);
+    let texture = gloss.get("diffuseTexture").cloned();
+    (factor, texture.and_then(|json| serde_json::from_value(json).ok()))
+}
+
 fn read_material(
     file: &mut File,
     (index, json): (usize, &Json),
     pictures: Option<&mut Pictures<'_>>,
 ) -> Result<(Material, Option<Mapping>), Error> {
-    let pbr = &json.pbr_metallic_roughness;
     let place = format!("materials[{index}]");
-    let [r, g, b, opacity] = pbr.base_color_factor.0;
+    let ([r, g, b, opacity], info) = base(json);
     if [r, g, b, opacity].iter().any(|value| !(0.0..=1.0).contains(value)) {
         file.notices.add(format!("{place}: a base colour outside 0 to 1 was clamped"));
     }
@@ -226,7 +242,7 @@ fn read_material(
     };
     let double_sided = json.double_sided;
     let plain = Material { factor, texture: None, alpha, opacity, double_sided };
-    let (Some(info), Some(pictures)) = (&pbr.base_color_texture, pictures) else {
+    let (Some(info), Some(pictures)) = (&info, pictures) else {
         return Ok((plain, None));
     };
     let texture = Some(Arc::new(read_texture(file, info, &place, pictures)?));
@@ -269,6 +285,14 @@ fn read_texture(
     let texture =
         root.textures.get(at).ok_or_else(|| missing("textures", at, root.textures.len()))?;
     let source = texture.source.value();
+    // The parser's word for none.
+    if source == u32::MAX as usize {
+        let held = texture.extensions.iter().flat_map(|extensions| extensions.others.keys()).next();
+        let fault = held.map_or("it names no image".to_owned(), |name| {
+            format!("its image is one of {name} alone, which is not read: export it as PNG or JPEG, at least beside")
+        });
+        return Err(Error::invalid(format!("textures[{at}], which {place} names"), fault));
+    }
     let image =
         root.images.get(source).ok_or_else(|| missing("images", source, root.images.len()))?;
     let picture = if let Some(picture) = &pictures.decoded[source] {

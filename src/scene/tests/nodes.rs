@@ -186,7 +186,7 @@ fn instances_stand_where_they_are_put() {
     assert!((first.transform_point3(corner) - corner).length() < 1e-6);
     let expected = Vec3::new(5.0, 1.0, -2.0);
     assert!((second.transform_point3(corner) - expected).length() < 1e-5);
-    let content = Content::Surface { plain: 0.25 };
+    let content = Content::Surface { plain: 0.25, transparency: true };
     let lit = import_sources_content(maker.sources(), &Limits::default(), content).unwrap();
     assert_eq!(lit.surface.unwrap().material.len(), 2);
 }

@@ -14,7 +14,7 @@ fn surfaced(maker: &Maker) -> Result<Surface, Error> {
 }
 
 fn surfaced_with(sources: Vec<Source>) -> Result<Surface, Error> {
-    let content = Content::Surface { plain: PLAIN };
+    let content = Content::Surface { plain: PLAIN, transparency: true };
     let scene = import_sources_content(sources, &Limits::default(), content)?;
     Ok(scene.surface.unwrap())
 }
@@ -201,7 +201,7 @@ fn within(maker: &Maker, pictures: &[(String, Vec<u8>)], limit: u64) -> Result<S
         |(name, bytes): &(String, Vec<u8>)| Source { name: name.clone(), bytes: bytes.clone() };
     sources.extend(pictures.iter().map(source));
     let limits = Limits { decoded_bytes: limit, ..Limits::default() };
-    let content = Content::Surface { plain: PLAIN };
+    let content = Content::Surface { plain: PLAIN, transparency: true };
     Ok(import_sources_content(sources, &limits, content)?.surface.unwrap())
 }
 
@@ -243,4 +243,45 @@ fn unused_materials_need_no_picture() {
         let told = surfaced(&maker).unwrap_err().to_string();
         assert!(told.contains("lost.png"), "{told}");
     }
+}
+
+/// Files of before metallic-roughness say their colour and its picture as specular-glossiness, which comes
+/// before what stands beside it; what it leaves out is white.
+#[test]
+fn specular_glossiness_has_a_diffuse_part() {
+    let old = |diffuse: Value| {
+        json!({
+            "pbrMetallicRoughness": {"baseColorFactor": [1.0, 0.0, 0.0, 1.0]},
+            "extensions": {"KHR_materials_pbrSpecularGlossiness": diffuse},
+        })
+    };
+    let grey = surfaced(&dressed(old(json!({"diffuseFactor": [0.1, 0.1, 0.1, 1.0]})))).unwrap();
+    assert_eq!(grey.albedo(0, 0.3, 0.3), [0.1; 3]);
+    assert_eq!(surfaced(&dressed(old(json!({})))).unwrap().albedo(0, 0.3, 0.3), [MOST_ALBEDO; 3]);
+    let mut maker = dressed(old(json!({"diffuseTexture": {"index": 0}})));
+    maker.push("images", json!({"uri": "old.png"}));
+    maker.push("textures", json!({"source": 0}));
+    let mut sources = maker.sources();
+    sources.push(Source { name: "old.png".into(), bytes: png() });
+    assert_eq!(surfaced_with(sources).unwrap().albedo(0, 0.0, 0.0), [MOST_ALBEDO, 0.0, 0.0]);
+}
+
+/// A texture whose only picture is of a format that is not read names the format and what to do, not a number
+/// that no file has; with a picture beside it that one is taken.
+#[test]
+fn pictures_of_extensions_alone_are_named() {
+    let with = |texture: Value| {
+        let mut maker =
+            dressed(json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}));
+        maker.push("images", json!({"uri": "a.png"}));
+        maker.push("textures", texture);
+        let mut sources = maker.sources();
+        sources.push(Source { name: "a.png".into(), bytes: png() });
+        surfaced_with(sources)
+    };
+    let webp = json!({"EXT_texture_webp": {"source": 0}});
+    let fault = with(json!({"extensions": webp})).expect_err("refused").to_string();
+    assert!(fault.contains("EXT_texture_webp") && fault.contains("PNG or JPEG"), "{fault}");
+    assert!(with(json!({"extensions": webp, "source": 0})).is_ok());
+    assert!(with(json!({})).expect_err("refused").to_string().contains("names no image"));
 }
