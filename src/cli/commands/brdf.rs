@@ -19,19 +19,11 @@ use crate::shade::{
 /// A MERL file has 35 MB.
 const MOST_BYTES: u64 = 64 << 20;
 
-/// Elevations by which energy is examined.
-const EXAMINED_NODES: usize = 48;
-
 pub(in crate::cli) fn brdf(args: &BrdfArgs) -> anyhow::Result<Answer> {
     let order = Order::new(args.order)?;
     let source = read(&args.source)?;
-    let found = examine(&source, EXAMINED_NODES);
-    let mut notices = found.warnings();
-    if let Material::Measured(merl) = &source
-        && merl.missing() > 0
-    {
-        notices.push(format!("{} cells of the table hold no measurement", merl.missing()));
-    }
+    let found = examine(&source, source.nodes());
+    let mut notices = source.warnings();
     for notice in &notices {
         tracing::warn!("{notice}");
     }

