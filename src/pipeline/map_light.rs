@@ -66,6 +66,22 @@ pub fn read_map(
     Ok((turned(light, turn_degrees)?, facts, [width, height]))
 }
 
+/// What is to be said of a map, in sentences.
+#[must_use]
+pub fn map_notices(facts: &MapFacts) -> Vec<String> {
+    let mut out = Vec::new();
+    if facts.negative_texels > 0 {
+        out.push(format!(
+            "{} negative texels were taken as 0, which adds {:?} to the mean radiance",
+            facts.negative_texels, facts.clamped_radiance
+        ));
+    }
+    if facts.max_radiance == [0.0; 3] {
+        out.push("the map is black".to_owned());
+    }
+    out
+}
+
 /// A light in words, turned about +Y.
 ///
 /// # Errors
@@ -129,6 +145,23 @@ fn on(model: &Model, light: &ShLight) -> Vec<Vec<f32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Negative texels and black maps are told, with the number.
+    #[test]
+    fn odd_maps_are_told() {
+        let order = Order::new(2).expect("order");
+        let told = |texels: &[[f32; 3]]| {
+            let map = EnvironmentMap { width: texels.len(), height: 1, texels };
+            map_notices(&map.project(order).expect("a map").1)
+        };
+        let negative = told(&[[1.0, -2.0, 0.5], [1.0; 3], [0.0, -1.0, 0.0]]);
+        assert!(
+            negative.len() == 1 && negative[0].starts_with("2 negative texels"),
+            "{negative:?}"
+        );
+        assert_eq!(told(&[[0.0; 3]]), ["the map is black"]);
+        assert!(told(&[[1.0; 3]]).is_empty());
+    }
 
     /// Words are a light on a model, turned as a map is; what they are not is said.
     #[test]

@@ -36,6 +36,7 @@ pub fn notices(job: &Job) -> Vec<String> {
     }
     notices.extend(held_out(job));
     notices.extend(rounded(&job.recipe.bake));
+    notices.extend(job.lit.iter().flat_map(|lit| lit.notices.iter().cloned()));
     notices
 }
 
