@@ -24,6 +24,7 @@ pub const GLOSS_LOBES: usize = 8;
 pub struct Gloss {
     lobes: ZonalLight,
     reflector: Arc<Reflector>,
+    notices: Vec<String>,
 }
 
 impl Gloss {
@@ -53,7 +54,19 @@ impl Gloss {
     #[must_use]
     pub fn of(light: &ShLight, reflector: Reflector, lobes: usize) -> Self {
         let lobes = ZonalLight::fit(&light.resized(reflector.order()), lobes);
-        Self { lobes, reflector: Arc::new(reflector) }
+        Self { lobes, reflector: Arc::new(reflector), notices: Vec::new() }
+    }
+
+    /// The same with what is to be said of the reflectance, in sentences.
+    #[must_use]
+    pub fn with_notices(self, notices: Vec<String>) -> Self {
+        Self { notices, ..self }
+    }
+
+    /// What is to be said of the reflectance.
+    #[must_use]
+    pub fn notices(&self) -> &[String] {
+        &self.notices
     }
 
     /// Whether the model carries the tangents that a grain runs along; without a grain any will do.
@@ -77,7 +90,7 @@ impl Gloss {
     #[must_use]
     pub fn turned(&self, rotation: Quat) -> Self {
         let lobes = self.lobes.rotated(rotation.as_dquat());
-        Self { lobes, reflector: Arc::clone(&self.reflector) }
+        Self { lobes, ..self.clone() }
     }
 
     /// Radiance towards an eye at points: many at once, their visibility turned into their tangent

@@ -104,19 +104,17 @@ fn turned(light: ShLight, degrees: f64) -> Result<ShLight, MapError> {
     Ok(light.rotated(DQuat::from_rotation_y(degrees.to_radians())))
 }
 
-/// The map's red, green and blue as a light on a model, turned about +Y: n² coefficients each; for
-/// `ao`, which has no direction, the mean radiance.
+/// A light's red, green and blue on a model, turned about +Y: n² coefficients each; for `ao`, which has
+/// no direction, the mean radiance.
 ///
 /// # Errors
-/// [`MapError`].
-pub fn map_light(
+/// [`MapError::Turn`].
+pub fn light_on(
     model: &Model,
-    bytes: &[u8],
-    name: &str,
+    light: &ShLight,
     turn_degrees: f64,
 ) -> Result<Vec<Vec<f32>>, MapError> {
-    let (light, ..) = read_map(bytes, name, model.header().sh_order(), turn_degrees)?;
-    Ok(on(model, &light))
+    Ok(on(model, &turned(light.resized(model.header().sh_order()), turn_degrees)?))
 }
 
 /// The same of a light in words.

@@ -86,7 +86,7 @@ pub use heights::{HeightPictures, Heights, MOST_HEIGHT_FRAMES, heights};
 pub use job::{Around, Job, check_document, import};
 pub use lit::{Lit, is_brdf_words, is_words};
 pub use map_light::{
-    MapError, check_map, map_light, map_notices, read_map, read_words, words_light,
+    MapError, check_map, light_on, map_notices, read_map, read_words, words_light,
 };
 pub use measure::measure;
 pub use notices::{notices, reference_notice};

@@ -94,8 +94,9 @@ impl BrdfRequest {
         let gloss = service.hot.gloss(id, &name, || {
             let colours = light.colours(service, model)?;
             let light = three(model.header().sh_order(), &colours)?;
-            let reflector = self.reflector(service, model.header().sh_order())?;
+            let (reflector, notices) = self.reflector(service, model.header().sh_order())?;
             let gloss = Gloss::new(model, &light, reflector, lobes);
+            let gloss = gloss.map(|gloss| gloss.with_notices(notices));
             gloss
                 .and_then(|gloss| gloss.check_grain(model).map(|()| gloss))
                 .map_err(|error| refused("#/brdf".to_owned(), &error))
@@ -116,8 +117,11 @@ fn three(order: Order, colours: &[Vec<f32>]) -> Result<ShLight, Problem> {
     Ok(ShLight::from_coefficients(order, [0, 1, 2].map(colour)))
 }
 
+/// An operator, and what is to be said of its reflectance.
+type Told = (Reflector, Vec<String>);
+
 impl BrdfRequest {
-    fn reflector(&self, service: &Service, order: Order) -> Result<Reflector, Problem> {
+    fn reflector(&self, service: &Service, order: Order) -> Result<Told, Problem> {
         match (&self.form, &self.asset) {
             (Some(form), None) => self.of_form(form, order),
             (None, Some(asset)) => self.of_asset(service, asset, order),
@@ -125,7 +129,7 @@ impl BrdfRequest {
         }
     }
 
-    fn of_form(&self, form: &str, order: Order) -> Result<Reflector, Problem> {
+    fn of_form(&self, form: &str, order: Order) -> Result<Told, Problem> {
         let refuse = |told: String| Problem::field("#/brdf/form", told);
         let brdf: Brdf = match brdf_of_words(form) {
             Some(read) => read.map_err(|error| refuse(format!("`{form}` {error}")))?,
@@ -134,7 +138,7 @@ impl BrdfRequest {
         self.operator(form, Material::from(brdf), order)
     }
 
-    fn operator(&self, name: &str, material: Material, order: Order) -> Result<Reflector, Problem> {
+    fn operator(&self, name: &str, material: Material, order: Order) -> Result<Told, Problem> {
         if order.get() > MOST_ORDER {
             let fault = format!(
                 "operators of order {} are not made here, up to {MOST_ORDER} they are: upload one",
@@ -144,11 +148,8 @@ impl BrdfRequest {
             return Err(Problem::field(at, fault));
         }
         let finish = Finish::from(material);
-        for notice in finish.warnings() {
-            tracing::warn!("{name}: {notice}");
-        }
         let made = finish.operator(name, order, self.terms.unwrap_or(GLOSS_TERMS));
-        made.map_err(|error| match error {
+        made.map(|made| (made, finish.warnings())).map_err(|error| match error {
             FinishError::Terms { most, .. } => {
                 Problem::field("#/brdf/terms", format!("there are 1 to {most}"))
             }
@@ -157,7 +158,7 @@ impl BrdfRequest {
     }
 
     /// An operator that was uploaded, or that of a measured reflectance that was.
-    fn of_asset(&self, service: &Service, asset: &str, order: Order) -> Result<Reflector, Problem> {
+    fn of_asset(&self, service: &Service, asset: &str, order: Order) -> Result<Told, Problem> {
         let refuse = |told: String| Problem::field("#/brdf/asset", told);
         let known = if is_sha256(asset) { service.store.asset(asset)? } else { None };
         let known = known.ok_or_else(|| refuse("it does not name an uploaded asset".to_owned()))?;
@@ -178,6 +179,7 @@ impl BrdfRequest {
             let fault = "an uploaded operator has its own: leave it out";
             return Err(Problem::field("#/brdf/terms", fault));
         }
-        Reflector::from_bytes(&bytes).map_err(|error| refuse(error.to_string()))
+        let read = Reflector::from_bytes(&bytes).map_err(|error| refuse(error.to_string()))?;
+        Ok((read, Vec::new()))
     }
 }

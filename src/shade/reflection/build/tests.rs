@@ -70,6 +70,40 @@ fn a_lambert_operator_is_transfer_where_nothing_occludes() {
     }
 }
 
+/// Where something occludes, a Lambert operator approaches transfer as the order of visibility rises: a
+/// point of a floor beside a sphere that fills 40° around a direction 50° from the normal, whose
+/// visibility is known in closed form; transfer by a slow integral, over the bands that all orders have.
+#[test]
+fn a_lambert_operator_approaches_transfer_where_something_occludes() {
+    let lambert = Brdf::Lambert { albedo: [1.0; 3] };
+    let (sin, cos) = 50_f64.to_radians().sin_cos();
+    let (towards, half_angle) = ([sin, 0.0, cos], 40_f64.to_radians());
+    let (mut expected, mut y) = ([0.0; 9], [0.0; 9]);
+    for (w, area) in sphere(64).into_iter().filter(|(w, _)| w[2] > 0.0) {
+        let along: f64 = w.iter().zip(towards).map(|(a, b)| a * b).sum();
+        if along < half_angle.cos() {
+            evaluate_f64(order(3), w, &mut y);
+            expected.iter_mut().zip(y).for_each(|(sum, y)| *sum += area * w[2] * y / PI);
+        }
+    }
+    let apart = |bands: u8| {
+        let n = order(bands);
+        let mut visible = vec![0.0; n.coefficients()];
+        zonal::rotate_f64(n, &zonal::cap(n, half_angle), towards, &mut visible);
+        visible.iter_mut().for_each(|v| *v = -*v);
+        visible[0] += (4.0 * PI).sqrt();
+        let mut found = vec![0.0; n.coefficients()];
+        let operator = factor(&lambert, n, 12).unwrap()[0].operator(1);
+        operator.transfer(&visible, [0.0, 0.0, 1.0], &mut found);
+        let squares = found.iter().zip(&expected).map(|(a, b)| (a - b).powi(2));
+        (squares.sum::<f64>() / expected.iter().map(|x| x * x).sum::<f64>()).sqrt()
+    };
+    let off = [3, 4, 6, 8].map(apart);
+    println!("Lambert on visibility of order 3, 4, 6, 8 is off transfer by {off:.4?}");
+    assert!(off.windows(2).all(|pair| pair[1] < pair[0]), "{off:?}");
+    assert!(off[0] > 0.01 && off[3] < 0.25 * off[0], "{off:?}");
+}
+
 /// A reflectance has as many terms as any of its colours, and an operator of more than that has those;
 /// the three colours of one have the same number.
 #[test]
