@@ -77,7 +77,7 @@ impl Gloss {
         if self.reflector.header().isotropic || model.turns_with_tangents() {
             return Ok(());
         }
-        Err(EvaluateError::NeedsTangents { frame: model.header().frame.name() })
+        Err(EvaluateError::NeedsTangents(model.header().frame.name()))
     }
 
     /// The share of the light's energy that the lobes leave out.
