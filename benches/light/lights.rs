@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use poselight::scene;
 use poselight::shade::{
-    Brdf, Colours, EnvironmentMap, Factoring, Reflectance, Reflector, ZonalLight, factor, factor_by,
+    Brdf, Colours, EnvironmentMap, Factoring, Material, Reflector, ZonalLight, factor, factor_by,
 };
 
 use crate::order;
@@ -37,8 +37,12 @@ pub(crate) fn lobes() {
             (fit, start.elapsed().as_secs_f64() * 1e3)
         };
         let ((_, three), (fit, eight)) = (timed(3), timed(8));
-        let residuals: Vec<String> =
-            fit.residuals().iter().map(|r| format!("{:.2} %", 100.0 * r)).collect();
+        // A fit ends where nothing is left.
+        let residual = |k| {
+            let left: Option<&f64> = fit.residuals().get(k);
+            left.map_or("–".to_owned(), |left| format!("{:.2} %", 100.0 * left))
+        };
+        let residuals: Vec<String> = (0..8).map(residual).collect();
         println!(
             "| {name} {width} × {height} | {projection:.0} ms | {} | {three:.0} ms | {eight:.0} ms |",
             residuals.join(" | ")
@@ -71,7 +75,7 @@ fn sharing() {
         let gold = Brdf::Ggx { normal_reflectance: [0.9, 0.6, 0.3], alpha: [alpha; 2] };
         for (name, colours) in [("together", Colours::Together), ("apart", Colours::Apart)] {
             let way = Factoring { colours, ..Factoring::default() };
-            let factored = factor_by(&gold, order(4), 96, way).unwrap();
+            let factored = factor_by(&gold, order(4), 64, way).unwrap();
             for terms in [4, 8, 12] {
                 let operators = factored.each_ref().map(|colour| colour.operator(terms));
                 let errors =
@@ -89,7 +93,7 @@ pub(crate) fn reflection() {
         "\n| operator of 8 terms, order 4 | time | bytes a colour | error | of it detail finer than the bands | of what a light of these bands shows |\n|---|---|---|---|---|---|"
     );
     let percent = |error: f64| format!("{:.1} %", 100.0 * error);
-    let nodes = |brdf: &Brdf| if brdf.is_isotropic() { 96 } else { 32 };
+    let nodes = |brdf: &Brdf| Material::from(*brdf).nodes();
     for (name, brdf) in brdfs() {
         let start = Instant::now();
         let factored = factor(&brdf, order(4), nodes(&brdf)).unwrap();

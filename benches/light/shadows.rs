@@ -15,15 +15,16 @@ use rayon::prelude::*;
 
 use crate::{best, order};
 
-/// Exponentiated sums of logarithms beside the sequential product of the same visibilities and
-/// beside looking, as distances in units of open sky, over random places of the spheres.
+/// Exponentiated sums of logarithms beside the sequential product of visibilities, each the exponential
+/// of one sphere's own logarithm, and beside looking: distances in units of open sky, root mean squares
+/// over random places of the spheres.
 pub(crate) fn shadows() {
     let n = order(4);
     let shadows = SphereShadows::new(n);
     let gamma = TripleProduct::new(n, n, n);
     let open = (4.0 * PI).sqrt();
     println!(
-        "\n| spheres, order 4 | exponential to looking | sequential product to looking | exponential to product | exponential | product |\n|---|---|---|---|---|---|"
+        "\n| spheres, order 4 | exponential to looking, RMS | product of single exponentials to looking, RMS | exponential to product, RMS | exponential | product |\n|---|---|---|---|---|---|"
     );
     let mut stream = Stream::new(7);
     for count in [1, 2, 5, 10, 20, 50, 100, 200] {

@@ -241,8 +241,8 @@ pub(crate) struct EvaluateArgs {
     pub(crate) fps: f32,
     #[arg(long, value_name = "LIGHT", help = format!("Shade by a light, in the root frame. {LIGHT_HELP}"))]
     pub(crate) light: Option<String>,
-    /// Reflect the light towards an eye by an isotropic reflectance, as `poselight brdf` reads it; of a
-    /// model of visibility.
+    /// Reflect the light towards an eye by a reflectance, as `poselight brdf` reads it, or by an operator
+    /// that it wrote; of a model of visibility, with a grain of one in the tangent frame.
     #[arg(long, value_name = "BRDF", requires_all = ["light", "eye", "scene"])]
     pub(crate) brdf: Option<String>,
     /// Where the eye is, in the root frame, metres.

@@ -85,16 +85,7 @@ fn from_map(path: &Path, order: Order) -> anyhow::Result<LightSource> {
     let map = EnvironmentMap { width, height, texels: &picture.texels };
     let (light, facts) =
         map.project(order).with_context(|| format!("{} as a light", path.display()))?;
-    let mut notices = Vec::new();
-    if facts.negative_texels > 0 {
-        notices.push(format!(
-            "{} negative texels were taken as 0, which adds {:?} to the mean radiance",
-            facts.negative_texels, facts.clamped_radiance
-        ));
-    }
-    if facts.max_radiance == [0.0; 3] {
-        notices.push("the map is black".to_owned());
-    }
+    let notices = pipeline::map_notices(&facts);
     let map = json!({
         "width": width,
         "height": height,

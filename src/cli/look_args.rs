@@ -50,10 +50,11 @@ pub(crate) struct MaterialFlags {
     /// Degrees to turn the light by about +Y, counter-clockwise seen from above.
     #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true)]
     pub(crate) turn: f64,
-    /// An isotropic reflectance of all that is shaded, as `poselight brdf` reads it.
+    /// What all that is shaded reflects by: a reflectance as `poselight brdf` reads it, or an operator that
+    /// it wrote.
     #[arg(long, value_name = "BRDF", default_value = "lambert:1")]
     pub(crate) brdf: String,
-    /// Terms of the reflectance's operator.
+    /// Terms of the reflectance's operator, 1 to the square of the order.
     #[arg(long, value_name = "K", default_value_t = GLOSS_TERMS)]
     pub(crate) terms: usize,
     /// Zonal lobes that stand for the light, 1 to 8.

@@ -34,7 +34,8 @@ pub(crate) struct StillArgs {
     /// Order of the light's harmonics, 1 to 10; a model's own when one is shown.
     #[arg(long, value_name = "N", default_value_t = 6)]
     pub(crate) order: u8,
-    /// Shade by a reflectance, as `poselight brdf` reads it, a grain along the limbs; beside it goes a model
+    /// Shade by a reflectance, as `poselight brdf` reads it, a grain along the limbs, or by an operator
+    /// that it wrote, of which rays follow the words that it was made of; beside it goes a model
     /// of visibility [default: white].
     #[arg(long, value_name = "BRDF", requires = "light")]
     pub(crate) brdf: Option<String>,

@@ -9,15 +9,16 @@ use rayon::prelude::*;
 
 use super::evaluate::Query;
 use super::gloss::{Gloss, GlossPoints, upright};
-use super::still::StillError;
+use super::recipe_of_model;
+use super::still::{StillError, untold};
 use crate::fit::sphere_set;
 use crate::model::Model;
 use crate::pose;
 use crate::render::{Camera, Panel, Picture, Stage, captioned, sheet};
-use crate::rig::{self, Deformed, Pose, RigidFrame};
+use crate::rig::{self, Deformed, Pose, RigidFrame, Tangents, to_tangent_frame};
 use crate::scene::Scene;
 use crate::sh::{MAX_COEFFICIENTS, Order, Rotation, TripleProduct, hemisphere_gram};
-use crate::shade::{Reflector, Sphere, SphereSet, SphereShadows, factor};
+use crate::shade::{Sphere, SphereSet, SphereShadows};
 use crate::trace;
 use settings::check;
 pub use settings::{Crowd, CrowdPlace, MOST_CHARACTERS};
@@ -48,6 +49,8 @@ struct Body {
     /// In the scene, placed.
     mesh: Deformed,
     triangles: Vec<[u32; 3]>,
+    /// Unit, by vertex, where a reflectance has a grain; else of the floor alone.
+    tangents: Vec<Vec3>,
     /// `[vertex][coefficient]`, in the scene's frame.
     visibility: Vec<f32>,
     spheres: Vec<Sphere>,
@@ -64,18 +67,20 @@ pub fn crowd(
     settings: &Crowd<'_>,
 ) -> Result<CrowdPicture, StillError> {
     check(settings)?;
+    told(model)?;
     let valued = super::valued(model, scene)?;
     let scene = valued.scene.as_ref();
     let order = model.header().sh_order();
     let light = settings.light.resized(order);
-    let operators = factor(&settings.material, order, settings.material.nodes())?;
-    let operators = operators.map(|colour| colour.operator(settings.terms));
-    let reflector = Reflector::new("crowd", &operators, [0.0; 3]);
+    let material = settings.finish.reflectance()?;
+    let reflector = settings.finish.operator("crowd", order, settings.terms)?;
     let gloss = Gloss::new(model, &light, reflector, settings.lobes)?;
     let set = sphere_set(&scene.skeleton, &scene.mesh, settings.spheres)?;
+    let grained = !settings.finish.is_isotropic();
+    let tangents = grained.then(|| Tangents::new(&scene.skeleton, &scene.mesh));
     let mut bodies = Vec::new();
     for place in &settings.places {
-        bodies.push(character(scene, model, &set, place)?);
+        bodies.push(character((scene, tangents.as_ref()), model, &set, place)?);
     }
     let bounds = bounds(&bodies);
     bodies.push(floor(bounds, settings.floor_vertices, order));
@@ -95,9 +100,10 @@ pub fn crowd(
     let device = trace::Device::new().map_err(failed)?;
     let stage = Stage::new(&device, &all.mesh.positions, &all.mesh.normals, &all.triangles, None)
         .map_err(failed)?;
+    let stage = if grained { stage.with_tangents(&all.tangents) } else { stage };
     let (samples, rays) = (settings.samples, settings.rays);
     let model = stage.show(&camera, samples, &with);
-    let truth = stage.reflected(&camera, (samples, rays), &light, &settings.material);
+    let truth = stage.reflected(&camera, (samples, rays), &light, &material);
     let exposure = super::still::exposure(Some(&light), settings.exposure_stops);
     let apart = |image: &crate::render::Image| exposure * image.rms_difference(&truth);
     let tone = settings.tone;
@@ -118,9 +124,23 @@ pub fn crowd(
     })
 }
 
+/// Whether rays among characters and their floor tell what the model holds.
+fn told(model: &Model) -> Result<(), StillError> {
+    if let Some(why) = untold(model) {
+        return Err(StillError::Untold(why));
+    }
+    let maximum = recipe_of_model(model).ok().and_then(|recipe| recipe.bake.max_distance_m);
+    match maximum {
+        Some(_) => Err(StillError::Untold(
+            "it is blind beyond a distance, and the shadows of other characters are not",
+        )),
+        None => Ok(()),
+    }
+}
+
 /// The scene's character at a place.
 fn character(
-    scene: &Scene,
+    (scene, tangents): (&Scene, Option<&Tangents>),
     model: &Model,
     set: &SphereSet,
     place: &CrowdPlace,
@@ -139,6 +159,11 @@ fn character(
     let globals = scene.skeleton.globals(&pose.local);
     let mut mesh = Deformed::default();
     rig::deform(&scene.mesh, &globals, &pose.weights, RigidFrame::IDENTITY, &mut mesh);
+    let mut along = Vec::new();
+    if let Some(tangents) = tangents {
+        tangents.pose(&scene.mesh, &globals, RigidFrame::IDENTITY, &mesh.normals, &mut along);
+        along.iter_mut().for_each(|t| *t = turn * *t);
+    }
     mesh.positions.iter_mut().for_each(|p| *p = moved.transform_point3(*p));
     mesh.normals.iter_mut().for_each(|n| *n = turn * *n);
     let mut spheres = Vec::new();
@@ -155,7 +180,7 @@ fn character(
         rotation.apply(own, out);
     }
     let triangles = scene.mesh.triangles.clone();
-    Ok(Body { mesh, triangles, visibility, spheres, is_floor: false })
+    Ok(Body { mesh, triangles, tangents: along, visibility, spheres, is_floor: false })
 }
 
 /// A level floor under everything: fine where the characters are, with an outermost ring far away.
@@ -175,6 +200,7 @@ fn floor([low, high]: [Vec3; 2], along: usize, order: Order) -> Body {
     }
     let vertices = body.mesh.positions.len();
     body.mesh.normals = vec![Vec3::Y; vertices];
+    body.tangents = vec![Vec3::X; vertices];
     for cell in 0..(along - 1) * (along - 1) {
         let first = (cell / (along - 1) * along + cell % (along - 1)) as u32;
         let [a, b, c, d] = [0, 1, along as u32, along as u32 + 1].map(|step| first + step);
@@ -235,7 +261,13 @@ fn upper_half(order: Order) -> [f32; MAX_COEFFICIENTS] {
 fn colours(bodies: &[Body], visibility: &[Vec<f32>], gloss: &Gloss, eye: Vec3) -> Vec<f32> {
     let of_body = |(body, values): (&Body, &Vec<f32>)| -> Vec<f32> {
         let count = values.len() / body.mesh.positions.len().max(1);
-        let to_local: Vec<Quat> = body.mesh.normals.iter().copied().map(upright).collect();
+        let normals = &body.mesh.normals;
+        let to_local: Vec<Quat> = match body.tangents.len() == normals.len() {
+            true => {
+                normals.iter().zip(&body.tangents).map(|(&n, &t)| to_tangent_frame(n, t)).collect()
+            }
+            false => normals.iter().copied().map(upright).collect(),
+        };
         let blocks = values.par_chunks(BLOCK * count.max(1));
         let places = body.mesh.positions.par_chunks(BLOCK).zip(to_local.par_chunks(BLOCK));
         let shade = |(visibility, (positions, to_local))| {
@@ -255,6 +287,7 @@ fn together(bodies: &[Body]) -> Body {
         let first = all.mesh.positions.len() as u32;
         all.mesh.positions.extend(&body.mesh.positions);
         all.mesh.normals.extend(&body.mesh.normals);
+        all.tangents.extend(&body.tangents);
         all.triangles.extend(body.triangles.iter().map(|t| t.map(|vertex| first + vertex)));
     }
     all

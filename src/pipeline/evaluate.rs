@@ -84,6 +84,12 @@ pub enum EvaluateError {
         /// Of the model.
         expected: u8,
     },
+    /// A grain on a model without tangents, and the model's frame.
+    #[error(
+        "the reflectance has a grain, which runs along tangents: a model fitted in the frame `tangent` \
+         carries them, this one is in the frame `{0}`"
+    )]
+    NeedsTangents(&'static str),
     /// Reflection without a mesh to reflect.
     #[error(
         "reflection needs the posed mesh: name the scene, or fit the model with `include_rest`"

@@ -19,12 +19,12 @@ pub const GLOSS_TERMS: usize = 8;
 /// Lobes that a light is fitted with where nobody says how many.
 pub const GLOSS_LOBES: usize = 8;
 
-/// A light as lobes and a reflectance as an operator, ready for a model of visibility. For isotropic
-/// reflectances, since any tangent will do for them.
+/// A light as lobes and a reflectance as an operator, ready for a model of visibility.
 #[derive(Debug, Clone)]
 pub struct Gloss {
     lobes: ZonalLight,
     reflector: Arc<Reflector>,
+    notices: Vec<String>,
 }
 
 impl Gloss {
@@ -54,7 +54,30 @@ impl Gloss {
     #[must_use]
     pub fn of(light: &ShLight, reflector: Reflector, lobes: usize) -> Self {
         let lobes = ZonalLight::fit(&light.resized(reflector.order()), lobes);
-        Self { lobes, reflector: Arc::new(reflector) }
+        Self { lobes, reflector: Arc::new(reflector), notices: Vec::new() }
+    }
+
+    /// The same with what is to be said of the reflectance, in sentences.
+    #[must_use]
+    pub fn with_notices(self, notices: Vec<String>) -> Self {
+        Self { notices, ..self }
+    }
+
+    /// What is to be said of the reflectance.
+    #[must_use]
+    pub fn notices(&self) -> &[String] {
+        &self.notices
+    }
+
+    /// Whether the model carries the tangents that a grain runs along; without a grain any will do.
+    ///
+    /// # Errors
+    /// [`EvaluateError::NeedsTangents`].
+    pub fn check_grain(&self, model: &Model) -> Result<(), EvaluateError> {
+        if self.reflector.header().isotropic || model.turns_with_tangents() {
+            return Ok(());
+        }
+        Err(EvaluateError::NeedsTangents(model.header().frame.name()))
     }
 
     /// The share of the light's energy that the lobes leave out.
@@ -67,7 +90,7 @@ impl Gloss {
     #[must_use]
     pub fn turned(&self, rotation: Quat) -> Self {
         let lobes = self.lobes.rotated(rotation.as_dquat());
-        Self { lobes, reflector: Arc::clone(&self.reflector) }
+        Self { lobes, ..self.clone() }
     }
 
     /// Radiance towards an eye at points: many at once, their visibility turned into their tangent
@@ -158,11 +181,12 @@ impl Query {
     }
 
     /// Appends the radiance towards an eye at the listed vertices, or at all: `[vertex, 3]`. The eye is
-    /// in the root frame, metres, and so are the unit tangents of all vertices, without which the
-    /// reflectance has no grain. The query must be [`Query::posed`].
+    /// in the root frame, metres, and so are the unit tangents of all vertices that a grain runs along,
+    /// those of a model in the tangent frame when absent. The query must be [`Query::posed`].
     ///
     /// # Errors
-    /// [`EvaluateError::NeedsMesh`]; what the model objects to.
+    /// [`EvaluateError::NeedsMesh`]; [`EvaluateError::NeedsTangents`] of a grain where there are none;
+    /// what the model objects to.
     pub fn reflected(
         &self,
         model: &Model,
@@ -171,6 +195,9 @@ impl Query {
         out: &mut Vec<f32>,
     ) -> Result<(), EvaluateError> {
         let mesh = self.surface.as_ref().ok_or(EvaluateError::NeedsMesh)?;
+        if tangents.is_none() {
+            gloss.check_grain(model)?;
+        }
         let tangents = tangents.map(|tangents| places(model, tangents.iter().copied()));
         let with = |tangents: &[Vec3]| -> Vec<Quat> {
             let frames = mesh.normals.iter().zip(tangents);
@@ -178,14 +205,15 @@ impl Query {
         };
         // Visibility that comes in the tangent frame meets the operator as it is, unless the grain runs
         // along other tangents.
-        let is_local = tangents.is_none() && model.turns_with_tangents() && model.decodes_alone();
+        let has_own = tangents.is_none() && model.turns_with_tangents();
+        let is_local = has_own && model.decodes_alone();
         let visibility = match is_local {
             true => self.local_coefficients(model)?,
             false => self.coefficients(model)?.0,
         };
         let to_local: Vec<Quat> = match &tangents {
             Some(tangents) => with(tangents),
-            None if is_local => with(&mesh.tangents),
+            None if has_own => with(&mesh.tangents),
             None => mesh.normals.iter().copied().map(upright).collect(),
         };
         let (positions, to_local, visibility) =

@@ -4,13 +4,13 @@
 use glam::{DQuat, Quat, Vec3};
 use rayon::prelude::*;
 
+use super::finish::Finish;
 use super::gloss::{Gloss, GlossPoints, upright};
 use super::still::{StillError, exposure};
 use crate::render::{Picture, Tone};
+use crate::rig::to_tangent_frame;
 use crate::sh::{MAX_COEFFICIENTS, Order};
-use crate::shade::{
-    HeightField, HorizonShadows, MOST_AZIMUTHS, MOST_LOBES, Material, Reflector, ShLight, factor,
-};
+use crate::shade::{HeightField, HorizonShadows, MOST_AZIMUTHS, MOST_LOBES, ShLight};
 
 /// The most frames.
 pub const MOST_HEIGHT_FRAMES: usize = 1000;
@@ -37,8 +37,8 @@ pub struct Heights<'a> {
     pub azimuths: usize,
     /// +Y is up.
     pub light: &'a ShLight,
-    /// An isotropic reflectance.
-    pub material: Material,
+    /// What the ground reflects by; a grain runs along the rows.
+    pub finish: Finish,
     /// Terms of the reflectance's operator.
     pub terms: usize,
     /// Zonal lobes that stand for the light, 1 to 8.
@@ -70,9 +70,8 @@ pub struct HeightPictures {
 pub fn heights(settings: &Heights<'_>) -> Result<HeightPictures, StillError> {
     check(settings)?;
     let Heights { size: [width, height], cell_m, order, .. } = *settings;
-    let operators = factor(&settings.material, order, settings.material.nodes())?;
-    let operators = operators.map(|colour| colour.operator(settings.terms));
-    let reflector = Reflector::new("heights", &operators, [0.0; 3]);
+    let reflector = settings.finish.operator("heights", order, settings.terms)?;
+    let turn: fn(Vec3) -> Quat = if settings.finish.is_isotropic() { upright } else { along_rows };
     // +Y of the light is +Z of the field, −Z its +Y.
     let light = settings.light.resized(order);
     let upright = DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2);
@@ -89,7 +88,8 @@ pub fn heights(settings: &Heights<'_>) -> Result<HeightPictures, StillError> {
         let start = std::time::Instant::now();
         let visibility = visibility(&field, &shadows, order.coefficients());
         seconds += start.elapsed().as_secs_f64();
-        pictures.push(picture(&field, &visibility, &gloss, (exposure, settings.tone)));
+        let look = (exposure, settings.tone);
+        pictures.push(picture((&field, &visibility), &gloss, turn, look));
     }
     let visibility_s = seconds / pictures.len() as f64;
     Ok(HeightPictures { pictures, exposure, error, visibility_s })
@@ -113,9 +113,8 @@ fn check(settings: &Heights<'_>) -> Result<(), StillError> {
     if !(4..=MOST_AZIMUTHS).contains(&settings.azimuths) {
         return setting("azimuths", settings.azimuths.to_string(), "4 to 256");
     }
-    if !(1..=MOST_LOBES).contains(&settings.lobes) || settings.terms == 0 {
-        let found = format!("{} and {}", settings.terms, settings.lobes);
-        return setting("terms and lobes", found, "at least one term and 1 to 8 lobes");
+    if !(1..=MOST_LOBES).contains(&settings.lobes) {
+        return setting("lobes", settings.lobes.to_string(), "1 to 8");
     }
     let stops = settings.exposure_stops;
     if stops.is_nan() || stops.abs() > 30.0 {
@@ -134,11 +133,17 @@ fn visibility(field: &HeightField, shadows: &HorizonShadows, count: usize) -> Ve
     out
 }
 
+/// The rotation that takes a normal to +Z and +X in its plane to +X.
+fn along_rows(normal: Vec3) -> Quat {
+    let along = (Vec3::X - normal * normal.x).normalize_or(normal.any_orthonormal_vector());
+    to_tangent_frame(normal, along)
+}
+
 /// A frame from above, its last row at the top.
 fn picture(
-    field: &HeightField,
-    visibility: &[f32],
+    (field, visibility): (&HeightField, &[f32]),
     gloss: &Gloss,
+    turn: fn(Vec3) -> Quat,
     (exposure, tone): (f32, Tone),
 ) -> Picture {
     let [width, height] = field.size();
@@ -147,8 +152,8 @@ fn picture(
     let rows =
         picture.pixels_mut().par_chunks_mut(width).rev().zip(visibility.par_chunks(count * width));
     rows.enumerate().for_each(|(row, (pixels, visibility))| {
-        let frame = |column| upright(field.normal(column, row));
-        let to_local: Vec<Quat> = (0..width).map(frame).collect();
+        let to_local: Vec<Quat> =
+            (0..width).map(|column| turn(field.normal(column, row))).collect();
         let positions = vec![Vec3::ZERO; width];
         let (positions, to_local) = (&positions[..], &to_local[..]);
         let (is_local, eye) = (false, Vec3::Z);
@@ -200,7 +205,7 @@ mod tests {
             order,
             azimuths: 32,
             light: &light,
-            material: Material::from(Brdf::Lambert { albedo: [1.0; 3] }),
+            finish: Brdf::Lambert { albedo: [1.0; 3] }.into(),
             terms: 4,
             lobes: 3,
             tone: Tone::Linear,
@@ -221,6 +226,18 @@ mod tests {
         refused(Heights { size: [7, 10], ..settings.clone() }, "whole frames");
         refused(Heights { azimuths: 3, ..settings.clone() }, "4 to 256");
         refused(Heights { cell_m: f32::NAN, ..settings.clone() }, "NaN m apart");
+        let ggx = |alpha| Brdf::Ggx { normal_reflectance: [0.9; 3], alpha };
+        let shaded = |finish: Finish| {
+            let made = heights(&Heights { finish, ..settings.clone() }).expect("shaded");
+            made.pictures[1].pixels().to_vec()
+        };
+        let (along, across) = (shaded(ggx([0.2, 0.7]).into()), shaded(ggx([0.7, 0.2]).into()));
+        assert_ne!(along, across, "a grain has no direction");
+        // An operator that was made before shades as the reflectance does.
+        let made = Finish::from(ggx([0.4; 2])).operator("gold.binary", order, 4).expect("made");
+        let read = Finish::from_bytes(&made.to_bytes().expect("bytes")).expect("read");
+        assert_eq!(shaded(read), shaded(ggx([0.4; 2]).into()));
+        refused(Heights { terms: 17, ..settings.clone() }, "1 to 16 terms");
         refused(Heights { exposure_stops: f32::NAN, ..settings.clone() }, "exposure");
         let hole = vec![f32::NAN; count];
         refused(Heights { heights: &hole, ..settings.clone() }, "not finite");

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::hash;
-use super::map_light::{read_map, read_words};
+use super::map_light::{map_notices, read_map, read_words};
 use super::recipe::Recipe;
 use super::recipe::light::{LightRecipe, WindowName, WindowRecipe};
 use super::{Error, MapError, files};
@@ -23,6 +23,8 @@ pub struct Lit {
     /// Of the largest order: a model takes as many bands as it has.
     pub(super) light: ShLight,
     pub(super) material: Option<Material>,
+    /// What is to be said of both, in sentences.
+    pub(super) notices: Vec<String>,
 }
 
 impl Lit {
@@ -31,6 +33,7 @@ impl Lit {
         let Some(mut part) = recipe.light.take() else { return Ok(None) };
         let most = Order::new(MAX_BANDS as u8).expect("the largest order is an order");
         let failed = |light: &str, source| Error::Light { light: light.to_owned(), source };
+        let mut notices = Vec::new();
         let mut light = if is_words(&part.source) {
             read_words(&part.source, most, part.turn_degrees)
                 .map_err(|source| failed(&part.source, source))?
@@ -39,7 +42,9 @@ impl Lit {
             let bytes = files::read(&path, MOST_BYTES)?;
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
             let read = read_map(&bytes, &name, most, part.turn_degrees);
-            let (light, ..) = read.map_err(|source| failed(&name, source))?;
+            let (light, facts, _) = read.map_err(|source| failed(&name, source))?;
+            notices
+                .extend(map_notices(&facts).iter().map(|told| format!("light `{name}`: {told}")));
             part.sha256 = Some(hash::scene(&[Source { name: String::new(), bytes }]));
             part.source = name;
             light
@@ -49,7 +54,10 @@ impl Lit {
             light = light.windowed(window.map_err(|source| failed(&part.source, source))?);
         }
         let material = material(&mut part)?;
-        Ok(Some(Self { recipe: part, light, material }))
+        let named = part.brdf.as_deref().unwrap_or_default();
+        let told = material.iter().flat_map(Material::warnings);
+        notices.extend(told.map(|told| format!("reflectance `{named}`: {told}")));
+        Ok(Some(Self { recipe: part, light, material, notices }))
     }
 }
 
@@ -141,6 +149,12 @@ mod tests {
         assert!(matches!(found.material, Some(Material::Measured(_))));
         assert_eq!(found.recipe.brdf.as_deref(), Some("paint.binary"));
         assert_eq!(found.recipe.brdf_sha256.map(|hash| hash.len()), Some(64));
+        assert!(found.notices.is_empty(), "{:?}", found.notices);
+        let gain = LightRecipe { brdf: Some("phong:1,0.5,2".into()), ..LightRecipe::default() };
+        let told = lit(gain).expect("lit").expect("a light").notices;
+        assert!(
+            told.len() == 1 && told[0].contains("`phong:1,0.5,2`: the reflectance makes energy")
+        );
         assert_eq!(lit(LightRecipe::default()).expect("lit").expect("a light").material, None);
     }
 }

@@ -66,6 +66,22 @@ pub fn read_map(
     Ok((turned(light, turn_degrees)?, facts, [width, height]))
 }
 
+/// What is to be said of a map, in sentences.
+#[must_use]
+pub fn map_notices(facts: &MapFacts) -> Vec<String> {
+    let mut out = Vec::new();
+    if facts.negative_texels > 0 {
+        out.push(format!(
+            "{} negative texels were taken as 0, which adds {:?} to the mean radiance",
+            facts.negative_texels, facts.clamped_radiance
+        ));
+    }
+    if facts.max_radiance == [0.0; 3] {
+        out.push("the map is black".to_owned());
+    }
+    out
+}
+
 /// A light in words, turned about +Y.
 ///
 /// # Errors
@@ -88,19 +104,17 @@ fn turned(light: ShLight, degrees: f64) -> Result<ShLight, MapError> {
     Ok(light.rotated(DQuat::from_rotation_y(degrees.to_radians())))
 }
 
-/// The map's red, green and blue as a light on a model, turned about +Y: n² coefficients each; for
-/// `ao`, which has no direction, the mean radiance.
+/// A light's red, green and blue on a model, turned about +Y: n² coefficients each; for `ao`, which has
+/// no direction, the mean radiance.
 ///
 /// # Errors
-/// [`MapError`].
-pub fn map_light(
+/// [`MapError::Turn`].
+pub fn light_on(
     model: &Model,
-    bytes: &[u8],
-    name: &str,
+    light: &ShLight,
     turn_degrees: f64,
 ) -> Result<Vec<Vec<f32>>, MapError> {
-    let (light, ..) = read_map(bytes, name, model.header().sh_order(), turn_degrees)?;
-    Ok(on(model, &light))
+    Ok(on(model, &turned(light.resized(model.header().sh_order()), turn_degrees)?))
 }
 
 /// The same of a light in words.
@@ -129,6 +143,23 @@ fn on(model: &Model, light: &ShLight) -> Vec<Vec<f32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Negative texels and black maps are told, with the number.
+    #[test]
+    fn odd_maps_are_told() {
+        let order = Order::new(2).expect("order");
+        let told = |texels: &[[f32; 3]]| {
+            let map = EnvironmentMap { width: texels.len(), height: 1, texels };
+            map_notices(&map.project(order).expect("a map").1)
+        };
+        let negative = told(&[[1.0, -2.0, 0.5], [1.0; 3], [0.0, -1.0, 0.0]]);
+        assert!(
+            negative.len() == 1 && negative[0].starts_with("2 negative texels"),
+            "{negative:?}"
+        );
+        assert_eq!(told(&[[0.0; 3]]), ["the map is black"]);
+        assert!(told(&[[1.0; 3]]).is_empty());
+    }
 
     /// Words are a light on a model, turned as a map is; what they are not is said.
     #[test]

@@ -23,6 +23,7 @@ mod evaluate;
 mod evaluate_posed;
 mod figures;
 pub mod files;
+mod finish;
 mod fit;
 mod gloss;
 mod hash;
@@ -77,6 +78,7 @@ pub use effort::{Effort, EffortPoint, Efforts, effort};
 pub use error::Error;
 pub use evaluate::{EvaluateError, Light, Query};
 pub use figures::{ChoiceFigures, Figures, ModelFigures, Spectra, Times};
+pub use finish::{Finish, FinishError, has_terms};
 pub use fit::{FittedModel, fit, fit_mean, fit_watched, fit_without, recipe_of, recipe_of_model};
 use fit::{Part, fit_part};
 pub use gloss::{GLOSS_LOBES, GLOSS_TERMS, Gloss};
@@ -84,7 +86,9 @@ pub use hash::Hashes;
 pub use heights::{HeightPictures, Heights, MOST_HEIGHT_FRAMES, heights};
 pub use job::{Around, Job, check_document, import};
 pub use lit::{Lit, is_brdf_words, is_words};
-pub use map_light::{MapError, check_map, map_light, read_map, read_words, words_light};
+pub use map_light::{
+    MapError, check_map, light_on, map_notices, read_map, read_words, words_light,
+};
 pub use measure::measure;
 pub use notices::{notices, reference_notice};
 pub use plan::{Plan, disk_bytes, memory_bytes, plan};

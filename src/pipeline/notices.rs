@@ -38,6 +38,7 @@ pub fn notices(job: &Job) -> Vec<String> {
     // What the tracer objects to it will say when it bakes.
     notices.extend(job.buried.get_or_init(|| buried(job).unwrap_or_default()).iter().cloned());
     notices.extend(rounded(&job.recipe.bake));
+    notices.extend(job.lit.iter().flat_map(|lit| lit.notices.iter().cloned()));
     notices
 }
 

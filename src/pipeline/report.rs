@@ -30,7 +30,10 @@ pub(super) fn page(
     let short = reference_notice(&job.recipe.bake, settings);
     // A report is not refused for what cannot be read again.
     let missed = spent(dataset).ok().flatten().and_then(|spent| spent.missed);
-    let short = short.into_iter().chain(missed.map(|missed| missed.story()));
+    let (stills, unshown) = stills(job, model, &figures.measured);
+    let lit = job.lit.iter().flat_map(|lit| lit.notices.iter().cloned());
+    let short =
+        short.into_iter().chain(missed.map(|missed| missed.story())).chain(unshown).chain(lit);
     html(&ReportInput {
         title: &job.recipe.scene.file,
         made_by: concat!("poselight ", env!("CARGO_PKG_VERSION")),
@@ -54,7 +57,7 @@ pub(super) fn page(
             triangles: &mesh.triangles,
             point_of_vertex: &mesh.point_of_vertex,
         }),
-        stills: stills(job, model, &figures.measured),
+        stills,
         left_out: left_out(job),
         target: settings
             .max_error

@@ -6,6 +6,7 @@ use glam::{DQuat, Vec3};
 
 use super::evaluate::{EvaluateError, Light as ModelLight, Query};
 use super::evaluate_posed::anew;
+use super::finish::{Finish, FinishError};
 use super::gloss::Gloss;
 use super::recipe_of_model;
 use super::valued::{Valued, valued};
@@ -15,10 +16,13 @@ use crate::render::{Camera, Image, Light, Panel, Picture, Stage, captioned, shee
 use crate::rig::{self, Deformed, Pose, RigidFrame, Tangents};
 use crate::scene::{Clip, Scene};
 use crate::sh::Order;
-use crate::shade::{Brdf, Material, Reflectance, Reflector, ShLight, factor};
+use crate::shade::{Brdf, Material, ShLight};
 use crate::trace;
 use settings::check;
 pub use settings::{MOST_STILL_FRAMES, MOST_TURN_FRAMES, STILL_SIZES, Still, StillError};
+
+/// What a notice begins with that says why there is no truth.
+pub(super) const NO_TRUTH: &str = "no truth is shown: ";
 
 /// A picture and what is to be said of it.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,7 +65,7 @@ pub fn still(
     notices.extend(valued.iter().flat_map(Valued::untold));
     let untold = model.and_then(untold);
     if let Some(untold) = untold {
-        notices.push(format!("no truth is shown: {untold}"));
+        notices.push(format!("{NO_TRUTH}{untold}"));
     }
     let maximum = model.and_then(|model| recipe_of_model(model).ok());
     let maximum = maximum.and_then(|recipe| recipe.bake.max_distance_m);
@@ -70,10 +74,18 @@ pub fn still(
         .light
         .as_ref()
         .map(|light| order.map_or_else(|| light.clone(), |order| light.resized(order)));
-    let brdf = reflectance(model, settings)?;
-    let gloss = match (&brdf, model) {
-        (Some(brdf), Some(model)) => Some(gloss((model, settings), brdf, light.as_ref())?),
+    let finish = reflectance(model, settings)?;
+    notices.extend(settings.brdf.iter().flat_map(Finish::warnings));
+    let gloss = match (&finish, model) {
+        (Some(finish), Some(model)) => Some(gloss((model, settings), finish, light.as_ref())?),
         _ => None,
+    };
+    let (brdf, has_truth) = match finish.map(|finish| finish.reflectance()).transpose() {
+        Err(unknown @ FinishError::Rays { .. }) if model.is_some() => {
+            notices.push(format!("{NO_TRUTH}{unknown}"));
+            (None, false)
+        }
+        brdf => (brdf?, untold.is_none()),
     };
     let look = Look {
         scene,
@@ -83,7 +95,7 @@ pub fn still(
         light,
         brdf,
         gloss,
-        has_truth: untold.is_none(),
+        has_truth,
         max_distance_m: maximum,
     };
     let failed = |source| StillError::Trace { frame: 0, source };
@@ -258,10 +270,7 @@ fn white(order: Order) -> ShLight {
 
 /// The reflectance of a still: as it is asked for, white Lambert for a model of visibility, else
 /// none, which shades by transfer.
-fn reflectance(
-    model: Option<&Model>,
-    settings: &Still<'_>,
-) -> Result<Option<Material>, StillError> {
+fn reflectance(model: Option<&Model>, settings: &Still<'_>) -> Result<Option<Finish>, StillError> {
     let signal = model.map(|model| model.header().signal);
     match (signal, &settings.brdf) {
         (Some(signal), Some(_)) if signal != Signal::Visibility => {
@@ -275,13 +284,11 @@ fn reflectance(
 /// A reflectance on a model of visibility, under a light or white from everywhere.
 fn gloss(
     (model, settings): (&Model, &Still<'_>),
-    brdf: &Material,
+    finish: &Finish,
     light: Option<&ShLight>,
 ) -> Result<Gloss, StillError> {
     let order = model.header().sh_order();
-    let operators =
-        factor(brdf, order, brdf.nodes())?.map(|colour| colour.operator(settings.terms));
-    let reflector = Reflector::new("still", &operators, [0.0; 3]);
+    let reflector = finish.operator("still", order, settings.terms)?;
     let light = light.cloned().unwrap_or_else(|| white(order));
     Ok(Gloss::new(model, &light, reflector, settings.lobes)?)
 }
@@ -372,7 +379,7 @@ pub(super) fn exposure(light: Option<&ShLight>, stops: f32) -> f32 {
 }
 
 /// Why the truth of a still is not that of a model, if so.
-fn untold(model: &Model) -> Option<&'static str> {
+pub(super) fn untold(model: &Model) -> Option<&'static str> {
     let bake = recipe_of_model(model).ok()?.bake;
     if bake.bounces > 0 {
         return Some(

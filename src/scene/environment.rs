@@ -30,6 +30,21 @@ pub struct EnvironmentPicture {
 /// # Errors
 /// Other formats, damage, and maps of more than [`MOST_TEXELS`] texels, before they are decoded.
 pub fn environment(bytes: &[u8], name: &str) -> Result<EnvironmentPicture, Error> {
+    let (decoder, scale) = opened(bytes, name)?;
+    picture(decoder, name, scale)
+}
+
+/// What decoding it takes in memory, at most: the decoder's texels, as many that are ready, and both.
+///
+/// # Errors
+/// As [`environment`], for what the header tells.
+pub fn environment_bytes(bytes: &[u8], name: &str) -> Result<u64, Error> {
+    let (decoder, _) = opened(bytes, name)?;
+    Ok(28 * texels(&*decoder, name)?)
+}
+
+/// A decoder, and what its texels are multiplied with.
+fn opened<'a>(bytes: &'a [u8], name: &str) -> Result<(Box<dyn ImageDecoder + 'a>, f32), Error> {
     let undecodable =
         |fault: ImageError| Error::invalid(name, format!("the map cannot be decoded: {fault}"));
     if bytes.starts_with(b"#?") {
@@ -38,21 +53,18 @@ pub fn environment(bytes: &[u8], name: &str) -> Result<EnvironmentPicture, Error
         if !(exposure.is_finite() && exposure > 0.0) {
             return Err(Error::invalid(name, format!("its EXPOSURE is {exposure}")));
         }
-        picture(decoder, name, 1.0 / exposure)
+        Ok((Box::new(decoder), 1.0 / exposure))
     } else if bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]) {
         let decoder = OpenExrDecoder::with_alpha_preference(Cursor::new(bytes), Some(false));
-        picture(decoder.map_err(undecodable)?, name, 1.0)
+        Ok((Box::new(decoder.map_err(undecodable)?), 1.0))
     } else {
         let fault = "is neither Radiance HDR (.hdr) nor OpenEXR (.exr)";
         Err(Error::invalid(name, fault))
     }
 }
 
-fn picture(
-    decoder: impl ImageDecoder,
-    name: &str,
-    scale: f32,
-) -> Result<EnvironmentPicture, Error> {
+/// How many there are, within the bound.
+fn texels(decoder: &dyn ImageDecoder, name: &str) -> Result<u64, Error> {
     let (width, height) = decoder.dimensions();
     let texels = u64::from(width) * u64::from(height);
     if texels == 0 || texels > MOST_TEXELS {
@@ -62,6 +74,16 @@ fn picture(
         );
         return Err(Error::invalid(name, fault));
     }
+    Ok(texels)
+}
+
+fn picture(
+    decoder: Box<dyn ImageDecoder + '_>,
+    name: &str,
+    scale: f32,
+) -> Result<EnvironmentPicture, Error> {
+    texels(&*decoder, name)?;
+    let (width, height) = decoder.dimensions();
     let decoded = DynamicImage::from_decoder(decoder).map_err(|fault| {
         Error::invalid(name, format!("the map of {width} × {height} is damaged: {fault}"))
     })?;
@@ -101,6 +123,7 @@ mod tests {
         assert_eq!(text, "#?RADIANCE");
         let exposed = [b"#?RADIANCE\nEXPOSURE=2\n", &bytes[11..]].concat();
         assert_eq!(environment(&exposed, "b.hdr").unwrap().texels[1], [4.0, 0.0, 1.0]);
+        assert_eq!(environment_bytes(&bytes, "a.hdr").unwrap(), 2 * 28);
         let one = environment(&exr(1, 1, vec![1.5, -2.0, f32::INFINITY]), "c.exr").unwrap();
         assert_eq!(one.texels, [[1.5, -2.0, f32::INFINITY]]);
     }

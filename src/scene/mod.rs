@@ -37,7 +37,7 @@ use std::ops::Range;
 use std::path::Path;
 
 pub use attach::{Attribute, attach};
-pub use environment::{EnvironmentPicture, MOST_TEXELS, environment};
+pub use environment::{EnvironmentPicture, MOST_TEXELS, environment, environment_bytes};
 pub use error::Error;
 pub use gathered::as_glb;
 pub use limits::Limits;

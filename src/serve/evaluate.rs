@@ -67,7 +67,11 @@ fn evaluate(
     let gloss = gloss.as_ref().map(|(gloss, eye)| (gloss.as_ref(), *eye));
     let asked = Asked { model, light: light.as_deref(), light_at: "#/light", gloss, vertices };
     let queries = request.queries(service, id, model)?;
-    asked.values(service, &queries, |index| request.place(index))
+    let mut values = asked.values(service, &queries, |index| request.place(index))?;
+    values.notices =
+        request.light.as_ref().map_or(Ok(Vec::new()), |light| light.notices(service))?;
+    values.notices.extend(gloss.iter().flat_map(|(gloss, _)| gloss.notices().iter().cloned()));
+    Ok(values)
 }
 
 impl Asked<'_> {
@@ -118,7 +122,8 @@ impl Asked<'_> {
         let turned = queries.iter().all(|query| query.is_turned(model));
         let frame = if turned { Frame::Root } else { header.frame }.name();
         let residual_rms = header.training.residual_rms;
-        Ok(Values { shape, values, frame, distances, residual_rms, held: Some(held) })
+        let notices = Vec::new();
+        Ok(Values { shape, values, frame, distances, residual_rms, notices, held: Some(held) })
     }
 
     /// Finite numbers that lead to values which are not: those of the light, where the values are

@@ -11,11 +11,10 @@ use super::lights::LightRequest;
 use super::poses::{EvaluateRequest, refused};
 use super::problem::Problem;
 use crate::model::{Model, Signal};
-use crate::pipeline::{self, EvaluateError, GLOSS_LOBES, GLOSS_TERMS, Gloss};
+use crate::pipeline::{self, EvaluateError, Finish, FinishError, GLOSS_LOBES, GLOSS_TERMS, Gloss};
 use crate::sh::Order;
 use crate::shade::{
-    BRDF_WORDS, Brdf, MOST_LOBES, Material, Merl, Reflectance, Reflector, ShLight, brdf_of_words,
-    factor,
+    BRDF_WORDS, Brdf, MOST_LOBES, Material, Merl, Reflector, ShLight, brdf_of_words,
 };
 
 /// The largest order that operators are made for here: beyond, they are megabytes, and the time to
@@ -29,7 +28,7 @@ const MOST_OPERATOR_BYTES: u64 = 128 << 20;
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields, expecting = "an object with `form` or `asset`, and `eye`")]
 pub(super) struct BrdfRequest {
-    /// An isotropic reflectance in words, such as `ggx:0.5,0.3`.
+    /// A reflectance in words, such as `ggx:0.5,0.3`; one with a grain on models in the tangent frame.
     pub(super) form: Option<String>,
     /// SHA-256 of an uploaded operator, or of a measured reflectance in MERL's format.
     pub(super) asset: Option<String>,
@@ -95,8 +94,11 @@ impl BrdfRequest {
         let gloss = service.hot.gloss(id, &name, || {
             let colours = light.colours(service, model)?;
             let light = three(model.header().sh_order(), &colours)?;
-            let reflector = self.reflector(service, model.header().sh_order())?;
-            Gloss::new(model, &light, reflector, lobes)
+            let (reflector, notices) = self.reflector(service, model.header().sh_order())?;
+            let gloss = Gloss::new(model, &light, reflector, lobes);
+            let gloss = gloss.map(|gloss| gloss.with_notices(notices));
+            gloss
+                .and_then(|gloss| gloss.check_grain(model).map(|()| gloss))
                 .map_err(|error| refused("#/brdf".to_owned(), &error))
         })?;
         Ok((gloss, eye))
@@ -115,8 +117,11 @@ fn three(order: Order, colours: &[Vec<f32>]) -> Result<ShLight, Problem> {
     Ok(ShLight::from_coefficients(order, [0, 1, 2].map(colour)))
 }
 
+/// An operator, and what is to be said of its reflectance.
+type Told = (Reflector, Vec<String>);
+
 impl BrdfRequest {
-    fn reflector(&self, service: &Service, order: Order) -> Result<Reflector, Problem> {
+    fn reflector(&self, service: &Service, order: Order) -> Result<Told, Problem> {
         match (&self.form, &self.asset) {
             (Some(form), None) => self.of_form(form, order),
             (None, Some(asset)) => self.of_asset(service, asset, order),
@@ -124,25 +129,16 @@ impl BrdfRequest {
         }
     }
 
-    fn of_form(&self, form: &str, order: Order) -> Result<Reflector, Problem> {
+    fn of_form(&self, form: &str, order: Order) -> Result<Told, Problem> {
         let refuse = |told: String| Problem::field("#/brdf/form", told);
         let brdf: Brdf = match brdf_of_words(form) {
             Some(read) => read.map_err(|error| refuse(format!("`{form}` {error}")))?,
             None => return Err(refuse(format!("it is none of {BRDF_WORDS}"))),
         };
-        let material = Material::from(brdf);
-        if !material.is_isotropic() {
-            return Err(refuse("it needs tangents, which models do not carry".to_owned()));
-        }
-        self.operator(form, &material, order)
+        self.operator(form, Material::from(brdf), order)
     }
 
-    fn operator(
-        &self,
-        name: &str,
-        material: &Material,
-        order: Order,
-    ) -> Result<Reflector, Problem> {
+    fn operator(&self, name: &str, material: Material, order: Order) -> Result<Told, Problem> {
         if order.get() > MOST_ORDER {
             let fault = format!(
                 "operators of order {} are not made here, up to {MOST_ORDER} they are: upload one",
@@ -151,18 +147,18 @@ impl BrdfRequest {
             let at = if self.form.is_some() { "#/brdf/form" } else { "#/brdf/asset" };
             return Err(Problem::field(at, fault));
         }
-        let (terms, most) = (self.terms.unwrap_or(GLOSS_TERMS), order.coefficients());
-        if terms == 0 || (self.terms.is_some() && terms > most) {
-            return Err(Problem::field("#/brdf/terms", format!("there are 1 to {most}")));
-        }
-        let factored =
-            factor(material, order, material.nodes()).map_err(|e| Problem::internal(&e))?;
-        let operators = factored.map(|colour| colour.operator(terms));
-        Ok(Reflector::new(name, &operators, [0.0; 3]))
+        let finish = Finish::from(material);
+        let made = finish.operator(name, order, self.terms.unwrap_or(GLOSS_TERMS));
+        made.map(|made| (made, finish.warnings())).map_err(|error| match error {
+            FinishError::Terms { most, .. } => {
+                Problem::field("#/brdf/terms", format!("there are 1 to {most}"))
+            }
+            other => Problem::internal(&other),
+        })
     }
 
     /// An operator that was uploaded, or that of a measured reflectance that was.
-    fn of_asset(&self, service: &Service, asset: &str, order: Order) -> Result<Reflector, Problem> {
+    fn of_asset(&self, service: &Service, asset: &str, order: Order) -> Result<Told, Problem> {
         let refuse = |told: String| Problem::field("#/brdf/asset", told);
         let known = if is_sha256(asset) { service.store.asset(asset)? } else { None };
         let known = known.ok_or_else(|| refuse("it does not name an uploaded asset".to_owned()))?;
@@ -177,12 +173,13 @@ impl BrdfRequest {
         if bytes.starts_with(&Merl::HEAD) {
             let merl = Merl::from_bytes(&bytes).map_err(|error| refuse(error.to_string()))?;
             drop(bytes);
-            return self.operator(asset, &Material::Measured(Arc::new(merl)), order);
+            return self.operator(asset, Material::Measured(Arc::new(merl)), order);
         }
         if self.terms.is_some() {
             let fault = "an uploaded operator has its own: leave it out";
             return Err(Problem::field("#/brdf/terms", fault));
         }
-        Reflector::from_bytes(&bytes).map_err(|error| refuse(error.to_string()))
+        let read = Reflector::from_bytes(&bytes).map_err(|error| refuse(error.to_string()))?;
+        Ok((read, Vec::new()))
     }
 }

@@ -9,7 +9,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use super::problem::Problem;
 
 /// The largest answers, or bodies, that there may be at once.
-const LARGEST: u64 = 4;
+pub(super) const LARGEST: u64 = 4;
 
 /// What is counted by.
 const UNIT_BYTES: u64 = 64 << 10;

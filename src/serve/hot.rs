@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use sha2::{Digest, Sha256};
 
+use super::lights::MapLight;
 use super::problem::Problem;
 use super::{Service, StoreError};
 use crate::model::Model;
@@ -15,7 +16,7 @@ use crate::pipeline::{self, Gloss, Light, Scene, files};
 pub(super) struct Hot {
     most_bytes: u64,
     inner: Mutex<Inner>,
-    /// Held while a scene is imported: that may take gigabytes.
+    /// Held while a scene is imported or a map decoded: that may take gigabytes.
     importing: Mutex<()>,
 }
 
@@ -36,6 +37,8 @@ struct Inner {
     lights: Vec<(LightKey, Arc<Light>)>,
     /// The latest used one last.
     glosses: Vec<(LightKey, Arc<Gloss>)>,
+    /// Maps by their SHA-256; the latest used one last.
+    maps: Vec<(String, Arc<MapLight>)>,
     /// By a digest of the scene's name; the latest used one last.
     scenes: Vec<([u8; 32], Arc<Scene>)>,
     hits: u64,
@@ -146,6 +149,29 @@ impl Hot {
         Ok(scene)
     }
 
+    /// A map as a light, decoded once and kept; one at a time is decoded.
+    ///
+    /// # Errors
+    /// What `make` objects to.
+    pub(super) fn map(
+        &self,
+        asset: &str,
+        make: impl FnOnce() -> Result<MapLight, Problem>,
+    ) -> Result<Arc<MapLight>, Problem> {
+        let key = asset.to_owned();
+        if let Some(map) = take(&mut self.lock().maps, &key) {
+            return Ok(map);
+        }
+        let _alone = self.importing.lock().unwrap_or_else(PoisonError::into_inner);
+        // Somebody else may have made it meanwhile.
+        if let Some(map) = take(&mut self.lock().maps, &key) {
+            return Ok(map);
+        }
+        let map = Arc::new(make()?);
+        keep(&mut self.lock().maps, key, &map);
+        Ok(map)
+    }
+
     fn take_scene(&self, key: &[u8; 32]) -> Option<Arc<Scene>> {
         let mut inner = self.lock();
         let at = inner.scenes.iter().position(|(known, _)| known == key)?;
@@ -205,7 +231,7 @@ impl Hot {
 }
 
 /// The entry of a key, which is now the latest used one.
-fn take<T>(kept: &mut Vec<(LightKey, Arc<T>)>, key: &LightKey) -> Option<Arc<T>> {
+fn take<K: PartialEq, T>(kept: &mut Vec<(K, Arc<T>)>, key: &K) -> Option<Arc<T>> {
     let at = kept.iter().position(|(known, _)| known == key)?;
     let entry = kept.remove(at);
     let value = Arc::clone(&entry.1);
@@ -214,7 +240,7 @@ fn take<T>(kept: &mut Vec<(LightKey, Arc<T>)>, key: &LightKey) -> Option<Arc<T>>
 }
 
 /// Keeps what was made, and forgets what was not used for longest.
-fn keep<T>(kept: &mut Vec<(LightKey, Arc<T>)>, key: LightKey, value: &Arc<T>) {
+fn keep<K, T>(kept: &mut Vec<(K, Arc<T>)>, key: K, value: &Arc<T>) {
     kept.push((key, Arc::clone(value)));
     if kept.len() > MOST_LIGHTS {
         kept.remove(0);
@@ -234,6 +260,8 @@ fn read(path: &Path, bytes: u64) -> Result<Model, Problem> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sh::Order;
+    use crate::shade::ShLight;
 
     fn model() -> Arc<Model> {
         let blob = include_bytes!("../model/blob/golden_v1.safetensors");
@@ -260,6 +288,21 @@ mod tests {
             hot.light("c", &other.to_le_bytes(), make).expect("a light");
         }
         assert_eq!(hot.lock().lights.len(), MOST_LIGHTS);
+        let map = |asset: &str, made: &mut bool| {
+            let light = ShLight::constant(Order::new(2).expect("order"), [1.0; 3]).expect("light");
+            let make = || {
+                *made = true;
+                Ok(MapLight { light, notices: Vec::new() })
+            };
+            hot.map(asset, make).expect("a map")
+        };
+        let (mut first, mut second) = (false, false);
+        assert!(Arc::ptr_eq(&map("sky", &mut first), &map("sky", &mut second)));
+        assert!(first && !second, "a map is decoded twice");
+        for other in 0..MOST_LIGHTS {
+            map(&other.to_string(), &mut first);
+        }
+        assert_eq!(hot.lock().maps.len(), MOST_LIGHTS);
         let scene = |name: &[u8]| {
             let path = tempfile::Builder::new().suffix(".obj").tempfile().expect("a file");
             std::fs::write(path.path(), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").expect("written");

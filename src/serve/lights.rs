@@ -10,6 +10,19 @@ use super::problem::Problem;
 use super::{Service, few};
 use crate::model::Model;
 use crate::pipeline::{self, Light};
+use crate::scene;
+use crate::sh::{MAX_BANDS, Order};
+use crate::shade::ShLight;
+
+/// Answers of the largest size that there is room for.
+const ROOM: u64 = super::held::LARGEST;
+
+/// A map as a light of every band, and what is to be said of it.
+#[derive(Debug)]
+pub(super) struct MapLight {
+    pub(super) light: ShLight,
+    pub(super) notices: Vec<String>,
+}
 
 /// Colours of a light.
 const MOST_COLOURS: usize = 3;
@@ -86,15 +99,44 @@ impl LightRequest {
         model: &Model,
         asset: &str,
     ) -> Result<Vec<Vec<f32>>, Problem> {
+        let read = self.map(service, asset)?;
+        pipeline::light_on(model, &read.light, self.turn_degrees)
+            .map_err(|error| Problem::field("#/light", error.to_string()))
+    }
+
+    /// What is to be said of the light, in sentences.
+    ///
+    /// # Errors
+    /// As [`LightRequest::on`].
+    pub(super) fn notices(&self, service: &Service) -> Result<Vec<String>, Problem> {
+        match &self.asset {
+            Some(asset) => Ok(self.map(service, asset)?.notices.clone()),
+            None => Ok(Vec::new()),
+        }
+    }
+
+    /// A map of every band, decoded once and kept.
+    fn map(&self, service: &Service, asset: &str) -> Result<Arc<MapLight>, Problem> {
+        service.hot.map(asset, || Self::decoded(service, asset))
+    }
+
+    fn decoded(service: &Service, asset: &str) -> Result<MapLight, Problem> {
         let known = if is_sha256(asset) { service.store.asset(asset)? } else { None };
         let Some(known) = known else {
             return Err(Problem::field("#/light/asset", "it does not name an uploaded asset"));
         };
+        let limit = service.settings.limits.answer_bytes;
+        let mut held = service.answers.hold(known.bytes.min(limit))?;
         let path = service.store.folder().asset(asset);
         let bytes = pipeline::files::read(&path, known.bytes);
         let bytes = bytes.map_err(|error| Problem::internal(&error))?;
         let refuse = |error: &dyn std::fmt::Display| Problem::field("#/light", error.to_string());
-        pipeline::map_light(model, &bytes, "the map", self.turn_degrees)
-            .map_err(|error| refuse(&error))
+        let needed = scene::environment_bytes(&bytes, "the map").map_err(|e| refuse(&e))?;
+        // A map that takes more than all room is decoded when nothing else is there.
+        service.answers.grow(&mut held, (known.bytes + needed).min(ROOM * limit))?;
+        let most = Order::new(MAX_BANDS as u8).map_err(|error| Problem::internal(&error))?;
+        let (light, facts, _) =
+            pipeline::read_map(&bytes, "the map", most, 0.0).map_err(|error| refuse(&error))?;
+        Ok(MapLight { light, notices: pipeline::map_notices(&facts) })
     }
 }

@@ -12,7 +12,8 @@ const HEADERS: &str =
 
 /// What a page may read beside the headers that it always may.
 const EXPOSED: &str = "etag, location, retry-after, content-range, poselight-shape, poselight-frame, \
-     poselight-mahalanobis-max, poselight-residual-max, poselight-request, poselight-kind";
+     poselight-mahalanobis-max, poselight-residual-max, poselight-notices, poselight-request, \
+     poselight-kind";
 
 /// Seconds that a browser remembers what it may do.
 const REMEMBER_S: &str = "600";

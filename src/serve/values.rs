@@ -27,6 +27,8 @@ pub(super) struct Values {
     pub(super) frame: &'static str,
     /// One per pose.
     pub(super) distances: Vec<Distance>,
+    /// What is to be said of light and reflectance, in sentences.
+    pub(super) notices: Vec<String>,
     /// What a distance's residual is to be compared with.
     pub(super) residual_rms: f32,
     /// Their room, which is free again when the last of them is written.
@@ -38,12 +40,15 @@ pub(super) fn as_json(values: Values) -> Response {
     let distances = values.distances.iter().map(
         |distance| json!({ "mahalanobis": distance.mahalanobis, "residual": distance.residual }),
     );
-    let about = json!({
+    let mut about = json!({
         "shape": values.shape,
         "frame": values.frame,
         "distances": distances.collect::<Vec<_>>(),
         "training_residual_rms": values.residual_rms,
     });
+    if !values.notices.is_empty() {
+        about["notices"] = json!(values.notices);
+    }
     let mut head = about.to_string();
     head.pop();
     head.push_str(",\"values\":[");
@@ -69,6 +74,11 @@ pub(super) fn as_bytes(values: Values) -> Response {
     });
     let mut response = ([(header::CONTENT_TYPE, RAW)], body(numbers)).into_response();
     response.headers_mut().insert(header::CONTENT_LENGTH, length);
+    let notices = values.notices.join("; ");
+    let response = match notices.is_empty() {
+        true => response,
+        false => files::with(response, "poselight-notices", &notices),
+    };
     let response = files::with(response, "poselight-shape", &shape.join(","));
     let response = files::with(response, "poselight-frame", values.frame);
     let response = files::with(response, "poselight-mahalanobis-max", &mahalanobis.to_string());
@@ -158,12 +168,14 @@ mod tests {
             frame: "root",
             distances: vec![Distance { mahalanobis: 1.0, residual: 2.0 }],
             residual_rms: 0.25,
+            notices: vec!["the map is black".to_owned()],
             held: None,
         };
         let known =
             |response: Response| hyper::body::Body::size_hint(response.body()).exact().is_some();
         assert!(known(as_json(values(100))) && known(as_bytes(values(100))));
         assert!(!known(as_json(values(10 * CHUNK))) && !known(as_bytes(values(10 * CHUNK))));
+        assert_eq!(as_bytes(values(1)).headers()["poselight-notices"], "the map is black");
         let length = as_bytes(values(10 * CHUNK)).headers()[header::CONTENT_LENGTH].clone();
         assert_eq!(length, (40 * CHUNK).to_string());
     }

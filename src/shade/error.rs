@@ -68,9 +68,9 @@ pub enum Error {
     },
     /// A height field that is none.
     #[error(
-        "a height field of {width} × {height} with {found} heights, {bad} of them not finite, \
-         {cell_m} m apart: it needs as many finite heights as its size says, up to 67,108,864, and \
-         a distance above 0"
+        "a height field of {width} × {height} with {found} heights, {bad} of them not finite or \
+         beyond ±1,000,000,000 m, {cell_m} m apart: it needs as many heights within that as its size \
+         says, up to 67,108,864, and a distance of 0.000001 to 1,000,000,000 m"
     )]
     Heights {
         /// Columns.
@@ -79,7 +79,7 @@ pub enum Error {
         height: usize,
         /// Heights given.
         found: usize,
-        /// Of these NaN or infinite.
+        /// Of these NaN, infinite or too far from 0.
         bad: usize,
         /// Metres between neighbours.
         cell_m: f32,

@@ -27,6 +27,13 @@ const OCTAVE: [f32; 3] = [1.0, 1.26, 1.587];
 /// The most samples of a field.
 const MOST_SAMPLES: usize = 1 << 26;
 
+/// The furthest that a height is from 0, and neighbours from one another: their slopes have squares that
+/// f32 holds.
+const MOST_M: f32 = 1e9;
+
+/// The least distance of neighbours.
+const LEAST_CELL_M: f32 = 1e-6;
+
 /// Heights on a square grid with a pyramid of means over 2 × 2, 4 × 4, … samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeightField {
@@ -40,8 +47,8 @@ impl HeightField {
     /// sample is a plane. Beyond its edge a field goes on level with its edge.
     ///
     /// # Errors
-    /// [`Error::Heights`] for a size that does not fit, too many samples, a cell without length, or
-    /// heights that are not finite.
+    /// [`Error::Heights`] for a size that does not fit, too many samples, a cell below a micrometre, or
+    /// heights that are not finite or beyond 10⁹ m.
     pub fn new(width: usize, height: usize, cell_m: f32, heights: &[f32]) -> Result<Self, Error> {
         check([width, height], cell_m, heights)?;
         let mut levels = vec![(width, height, heights.to_vec())];
@@ -58,8 +65,8 @@ impl HeightField {
     /// Gives the field other heights, such as those of the next frame, in the memory that it has.
     ///
     /// # Errors
-    /// [`Error::Heights`] for another number of heights or heights that are not finite; the field is
-    /// then as it was.
+    /// [`Error::Heights`] for another number of heights or such as [`HeightField::new`] refuses; the field
+    /// is then as it was.
     pub fn set_heights(&mut self, heights: &[f32]) -> Result<(), Error> {
         let [width, height] = self.size();
         check([width, height], self.cell_m, heights)?;
@@ -158,12 +165,12 @@ impl HeightField {
     }
 }
 
-/// Whether so many finite heights are a field of that size.
+/// Whether so many heights are a field of that size.
 fn check([width, height]: [usize; 2], cell_m: f32, heights: &[f32]) -> Result<(), Error> {
     let found = heights.len();
-    let bad = heights.iter().filter(|h| !h.is_finite()).count();
+    let bad = heights.iter().filter(|h| h.is_nan() || h.abs() > MOST_M).count();
     let fits = found > 0 && found <= MOST_SAMPLES && width.checked_mul(height) == Some(found);
-    if fits && bad == 0 && cell_m.is_finite() && cell_m > 0.0 {
+    if fits && bad == 0 && (LEAST_CELL_M..=MOST_M).contains(&cell_m) {
         Ok(())
     } else {
         Err(Error::Heights { width, height, found, bad, cell_m })

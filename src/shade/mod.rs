@@ -19,7 +19,7 @@ mod window;
 mod words;
 mod zonal_fit;
 
-pub use brdf::{Brdf, Examination, Material, Merl, MerlError, Reflectance, examine};
+pub use brdf::{Brdf, Examination, Material, Merl, MerlError, Reflectance, Sampling, examine};
 pub use conventions::{D3DX_BANDS, THREE_BANDS, d3dx, filament, three_js};
 pub use environment_map::{EnvironmentMap, MapFacts};
 pub use error::Error;

@@ -5,7 +5,7 @@ use crate::sh::Order;
 
 /// The words for lights.
 pub const LIGHT_WORDS: &str = "constant, directional:X,Y,Z, cone:X,Y,Z,DEGREES and \
-     sphere:X,Y,Z,RADIUS, each with :R,G,B after it or white";
+     sphere:X,Y,Z,RADIUS, each with :R,G,B after it or white (radiance; of directional irradiance)";
 
 /// The words for reflectances.
 pub const BRDF_WORDS: &str = "lambert:ALBEDO, lambert:R,G,B, phong:DIFFUSE,SPECULAR,EXPONENT, \

@@ -9,29 +9,21 @@ use serde_json::{Value, json};
 use crate::cli::Answer;
 use crate::cli::light_args::{BrdfArgs, ColoursArg, CosineArg};
 use crate::cli::units;
-use crate::pipeline::files;
+use crate::pipeline::{Finish, files, has_terms};
 use crate::sh::Order;
 use crate::shade::{
-    BRDF_WORDS, Colours, Cosine, Examination, Factored, Factoring, Material, Merl, Reflectance,
-    Reflector, brdf_of_words, examine, factor_by,
+    BRDF_WORDS, Colours, Cosine, Examination, Factored, Factoring, Material, Merl, Reflector,
+    brdf_of_words, examine, factor_by,
 };
 
-/// A MERL file has 35 MB.
-const MOST_BYTES: u64 = 64 << 20;
-
-/// Elevations by which energy is examined.
-const EXAMINED_NODES: usize = 48;
+/// A MERL file has 35 MB, the largest operator 121.
+const MOST_BYTES: u64 = 128 << 20;
 
 pub(in crate::cli) fn brdf(args: &BrdfArgs) -> anyhow::Result<Answer> {
     let order = Order::new(args.order)?;
     let source = read(&args.source)?;
-    let found = examine(&source, EXAMINED_NODES);
-    let mut notices = found.warnings();
-    if let Material::Measured(merl) = &source
-        && merl.missing() > 0
-    {
-        notices.push(format!("{} cells of the table hold no measurement", merl.missing()));
-    }
+    let found = examine(&source, source.nodes());
+    let mut notices = source.warnings();
     for notice in &notices {
         tracing::warn!("{notice}");
     }
@@ -48,7 +40,7 @@ pub(in crate::cli) fn brdf(args: &BrdfArgs) -> anyhow::Result<Answer> {
     let factored = factor_by(&source, order, source.nodes(), way)?;
     let most = factored[0].most_terms();
     ensure!(
-        (1..=most).contains(&args.terms),
+        has_terms(order, args.terms),
         "--terms is {}; order {} has 1 to {most}",
         args.terms,
         args.order
@@ -193,24 +185,33 @@ fn curve(source: &Material, way: Factoring) -> anyhow::Result<Vec<CurveRow>> {
         .collect()
 }
 
-/// The same without a grain, for what knows no tangents.
-pub(super) fn isotropic(source: &str) -> anyhow::Result<Material> {
-    let material = read(source)?;
-    ensure!(material.is_isotropic(), "`{source}` needs tangents, which models do not carry");
-    Ok(material)
+/// What light is reflected by: a reflectance in words, or the MERL file or the operator of that name.
+/// What is to be said against it is logged, and joins the notices.
+pub(super) fn finish(source: &str, notices: &mut Vec<String>) -> anyhow::Result<Finish> {
+    let finish = match brdf_of_words(source) {
+        Some(brdf) => Finish::from(brdf.with_context(|| format!("`{source}`"))?),
+        None => Finish::from_bytes(&bytes_of(source)?).with_context(|| source.to_owned())?,
+    };
+    let told = finish.warnings();
+    told.iter().for_each(|notice| tracing::warn!("{source}: {notice}"));
+    notices.extend(told);
+    Ok(finish)
 }
 
 /// A reflectance in words, or a MERL file of that name.
-pub(super) fn read(source: &str) -> anyhow::Result<Material> {
+fn read(source: &str) -> anyhow::Result<Material> {
     if let Some(brdf) = brdf_of_words(source) {
         return Ok(Material::Analytic(brdf.with_context(|| format!("`{source}`"))?));
     }
+    let merl = Merl::from_bytes(&bytes_of(source)?).with_context(|| source.to_owned())?;
+    Ok(Material::Measured(Arc::new(merl)))
+}
+
+fn bytes_of(source: &str) -> anyhow::Result<Vec<u8>> {
     if !Path::new(source).exists() {
         bail!("`{source}` is no file, and none of {BRDF_WORDS}");
     }
-    let bytes = files::read(source.as_ref(), MOST_BYTES)?;
-    let merl = Merl::from_bytes(&bytes).with_context(|| source.to_owned())?;
-    Ok(Material::Measured(Arc::new(merl)))
+    Ok(files::read(source.as_ref(), MOST_BYTES)?)
 }
 
 #[cfg(test)]

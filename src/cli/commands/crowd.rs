@@ -21,12 +21,14 @@ pub(in crate::cli) fn crowd(args: &CrowdArgs) -> anyhow::Result<Answer> {
     for notice in &read.notices {
         tracing::warn!("{notice}");
     }
+    let mut notices = read.notices;
+    let finish = super::brdf::finish(&args.material.brdf, &mut notices)?;
     let settings = Crowd {
         places,
         spheres: args.spheres,
         floor_vertices: FLOOR_VERTICES,
         light: &read.light,
-        material: super::brdf::isotropic(&args.material.brdf)?,
+        finish,
         terms: args.material.terms,
         lobes: args.material.lobes,
         view: [args.yaw, args.pitch],
@@ -62,7 +64,7 @@ pub(in crate::cli) fn crowd(args: &CrowdArgs) -> anyhow::Result<Answer> {
         "rms_difference": made.difference,
         "rms_difference_without_cast_shadows": made.difference_without,
         "shadow_us_per_vertex": made.vertex_us,
-        "notices": read.notices,
+        "notices": notices,
     });
     Ok(Answer::new(text, json))
 }

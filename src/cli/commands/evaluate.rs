@@ -12,7 +12,6 @@ use crate::model::{Frame, Model, Signal};
 use crate::pipeline::{self, GLOSS_LOBES, GLOSS_TERMS, Gloss, Light, Query, Scene, Valued};
 use crate::rig::{Part, Pose};
 use crate::sh::{Order, bent_normal};
-use crate::shade::{Reflector, factor};
 
 pub(in crate::cli) fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Answer> {
     super::named(&args.output, "npy")?;
@@ -90,10 +89,11 @@ fn reflect(
     let order = Order::new(model.header().order)?;
     let read = light_source::read_light(light, order, 0.0)?;
     read.notices.iter().for_each(|notice| tracing::warn!("{notice}"));
-    let material = super::brdf::isotropic(brdf)?;
-    let operators = factor(&material, order, material.nodes())?.map(|c| c.operator(GLOSS_TERMS));
-    let reflector = Reflector::new(brdf, &operators, [0.0; 3]);
+    let mut notices = read.notices;
+    let finish = super::brdf::finish(brdf, &mut notices)?;
+    let reflector = finish.operator(brdf, order, GLOSS_TERMS)?;
     let gloss = Gloss::new(model, &read.light, reflector, GLOSS_LOBES)?;
+    gloss.check_grain(model)?;
     let eye = Vec3::from_slice(eye);
     ensure!(eye.is_finite(), "--eye is no place");
     let (count, mut values) = (queries.len(), Vec::new());
@@ -117,6 +117,7 @@ fn reflect(
         "shape": shape,
         "frame": "root",
         "light_residual_energy": gloss.residual(),
+        "notices": notices,
     });
     Ok(Answer::new(text, json))
 }

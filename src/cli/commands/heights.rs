@@ -25,6 +25,8 @@ pub(in crate::cli) fn heights(args: &HeightsArgs) -> anyhow::Result<Answer> {
     for notice in &read.notices {
         tracing::warn!("{notice}");
     }
+    let mut notices = read.notices;
+    let finish = super::brdf::finish(&args.material.brdf, &mut notices)?;
     let made = pipeline::heights(&Heights {
         size: [columns, rows],
         cell_m: args.cell,
@@ -32,7 +34,7 @@ pub(in crate::cli) fn heights(args: &HeightsArgs) -> anyhow::Result<Answer> {
         order,
         azimuths: args.azimuths,
         light: &read.light,
-        material: super::brdf::isotropic(&args.material.brdf)?,
+        finish,
         terms: args.material.terms,
         lobes: args.material.lobes,
         tone: args.screen.tone.into(),
@@ -62,7 +64,7 @@ pub(in crate::cli) fn heights(args: &HeightsArgs) -> anyhow::Result<Answer> {
         "visibility_s": made.visibility_s,
         "mean_error": mean,
         "largest_error": largest,
-        "notices": read.notices,
+        "notices": notices,
     });
     Ok(Answer::new(text, json))
 }

@@ -33,6 +33,9 @@ pub(in crate::cli) fn still(args: &StillArgs) -> anyhow::Result<Answer> {
             pipeline::spread_times(&scene, clip, usize::from(args.frames.unwrap_or(1)))?
         }
     };
+    // A still tells what is to be said against it itself.
+    let brdf = args.brdf.as_deref().map(|brdf| super::brdf::finish(brdf, &mut Vec::new()));
+    let brdf = brdf.transpose()?;
     let settings = Still {
         clip: args.clip.as_deref(),
         times_s,
@@ -42,7 +45,7 @@ pub(in crate::cli) fn still(args: &StillArgs) -> anyhow::Result<Answer> {
         rays: args.sampling.rays,
         gains: if args.gain.is_empty() { vec![4.0] } else { args.gain.clone() },
         light: light.as_ref().map(|read| read.light.clone()),
-        brdf: args.brdf.as_deref().map(super::brdf::read).transpose()?,
+        brdf,
         terms: args.terms.map_or(GLOSS_TERMS, usize::from),
         lobes: args.lobes.map_or(GLOSS_LOBES, usize::from),
         turntable,

@@ -1,6 +1,7 @@
 //! What the light of a recipe may say.
 
 use super::{RecipeError, error, require};
+use crate::pipeline::has_terms;
 use crate::pipeline::lit::shape;
 use crate::pipeline::recipe::{Recipe, SignalName};
 use crate::sh::Order;
@@ -30,10 +31,9 @@ pub(super) fn checked_light(recipe: &Recipe) -> Result<(), RecipeError> {
         let size = window.size.unwrap_or_default();
         require(sound, "light.window.size", size, "it must be above 0")?;
     }
-    let most = u32::from(recipe.bake.order).pow(2);
     let says = "it must be 1 to the square of `bake.order`";
-    // The default may be more than a small order has.
-    let sound = (1..=most.max(8)).contains(&light.terms);
+    let sound =
+        Order::new(recipe.bake.order).is_ok_and(|order| has_terms(order, light.terms as usize));
     require(sound, "light.terms", light.terms, says)?;
     require((1..=8).contains(&light.lobes), "light.lobes", light.lobes, "it must be 1 to 8")?;
     let Some(brdf) = &light.brdf else { return Ok(()) };

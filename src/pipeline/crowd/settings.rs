@@ -1,9 +1,9 @@
 //! What a picture of several characters shows.
 
 use super::StillError;
-use crate::pipeline::STILL_SIZES;
+use crate::pipeline::{Finish, STILL_SIZES};
 use crate::render::Tone;
-use crate::shade::{MOST_LOBES, Material, ShLight};
+use crate::shade::{MOST_LOBES, ShLight};
 
 /// The most characters of a picture.
 pub const MOST_CHARACTERS: usize = 16;
@@ -30,8 +30,8 @@ pub struct Crowd<'a> {
     pub floor_vertices: usize,
     /// An environment fixed in the scene.
     pub light: &'a ShLight,
-    /// An isotropic reflectance of characters and floor.
-    pub material: Material,
+    /// What characters and floor reflect by; a grain runs along the limbs, and on the floor along +X.
+    pub finish: Finish,
     /// Terms of the reflectance's operator.
     pub terms: usize,
     /// Zonal lobes that stand for the light, 1 to 8.
@@ -85,9 +85,8 @@ pub(super) fn check(settings: &Crowd<'_>) -> Result<(), StillError> {
         let found = format!("{} and {}", settings.samples, settings.rays);
         return setting("samples and rays", found, "1 to 8 across a pixel and 2 to 65536");
     }
-    if !(1..=MOST_LOBES).contains(&settings.lobes) || settings.terms == 0 {
-        let found = format!("{} and {}", settings.terms, settings.lobes);
-        return setting("terms and lobes", found, "at least one term and 1 to 8 lobes");
+    if !(1..=MOST_LOBES).contains(&settings.lobes) {
+        return setting("lobes", settings.lobes.to_string(), "1 to 8");
     }
     let [yaw, pitch] = settings.view;
     if !(yaw.is_finite() && (-89.0..=89.0).contains(&pitch)) {

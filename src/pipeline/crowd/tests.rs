@@ -1,10 +1,10 @@
 use super::*;
 use crate::pipeline::recipe::surroundings::GroundRecipe;
 use crate::pipeline::recipe::{FamilyName, FrameName, Recipe, SignalName};
-use crate::pipeline::{Job, Watch, bake, fit, open_dataset};
+use crate::pipeline::{Finish, Job, Watch, bake, fit, open_dataset};
 use crate::render::Tone;
 use crate::scene::{Limits, Source, import_sources};
-use crate::shade::{Brdf, Material, ShLight};
+use crate::shade::{Brdf, Material, Reflector, ShLight, factor};
 use crate::trace::shapes::sphere;
 
 /// A ball, over ground but in the bone frame, with its mean visibility by a bake.
@@ -54,7 +54,7 @@ fn cast_shadows_come_near_the_truth() {
         spheres: 1,
         floor_vertices: 33,
         light: &light,
-        material: Material::from(Brdf::Lambert { albedo: [0.8, 0.6, 0.4] }),
+        finish: Brdf::Lambert { albedo: [0.8, 0.6, 0.4] }.into(),
         terms: 4,
         lobes: 3,
         view: [20.0, 30.0],
@@ -82,7 +82,66 @@ fn cast_shadows_come_near_the_truth() {
     refused(Crowd { places: vec![place(0.0, Some("fly"))], ..settings.clone() }, "fly");
     refused(Crowd { spheres: 0, ..settings.clone() }, "spheres");
     refused(Crowd { terms: 0, ..settings.clone() }, "terms");
+    refused(Crowd { terms: 10, ..settings.clone() }, "1 to 9 terms, not 10");
     refused(Crowd { view: [0.0, 90.0], ..settings.clone() }, "pitch");
+}
+
+/// A grain runs along tangents, and which way is seen; a model that holds ground, of which the rays of a
+/// crowd know nothing, is refused.
+#[test]
+fn crowds_have_a_grain_and_no_ground_of_their_own() {
+    let (scene, bone) = model(FrameName::Bone);
+    let order = bone.header().sh_order();
+    let light = ShLight::cone(order, [0.3, 1.0, 0.6], 0.4, [3.0; 3]).expect("light");
+    let ggx = |alpha| Brdf::Ggx { normal_reflectance: [0.8; 3], alpha };
+    let place = CrowdPlace { at: [0.0, 0.0], yaw_degrees: 30.0, clip: None };
+    let settings = |alpha| Crowd {
+        places: vec![place.clone()],
+        spheres: 1,
+        floor_vertices: 9,
+        light: &light,
+        finish: ggx(alpha).into(),
+        terms: 8,
+        lobes: 3,
+        view: [20.0, 30.0],
+        size: [32, 24],
+        samples: 1,
+        rays: 16,
+        gains: vec![4.0],
+        tone: Tone::Linear,
+        exposure_stops: 0.0,
+    };
+    let made = |alpha| crowd(&scene, &bone, &settings(alpha)).expect("rendered");
+    let (along, across) = (made([0.2, 0.7]), made([0.7, 0.2]));
+    assert!(along.picture != across.picture && along.difference < 0.3, "{}", along.difference);
+    let (_, grounded) = model(FrameName::Root);
+    let told = crowd(&scene, &grounded, &settings([0.5; 2])).expect_err("ground").to_string();
+    assert!(told.contains("surroundings"), "{told}");
+}
+
+/// A grain meets models that carry tangents, along which it runs, and no others.
+#[test]
+fn a_grain_wants_the_tangent_frame() {
+    let (scene, root) = model(FrameName::Root);
+    let (_, tangent) = model(FrameName::Tangent);
+    let order = root.header().sh_order();
+    let light = ShLight::cone(order, [0.6, 0.8, 0.0], 0.5, [3.0; 3]).expect("light");
+    let pose = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
+    let lit = |model: &Model, alpha| {
+        let finish = Finish::from(Brdf::Ggx { normal_reflectance: [0.9; 3], alpha });
+        let operator = finish.operator("x", order, 8).expect("an operator");
+        let gloss = Gloss::new(model, &light, operator, 3).expect("a gloss");
+        let query = Query::from_pose(model, &scene, &pose).expect("a pose");
+        let posed = query.posed(model, Some(&scene)).expect("a mesh");
+        let mut out = Vec::new();
+        let eye = Vec3::new(1.0, 2.0, 2.0);
+        posed.reflected(model, (&gloss, eye, None), None, &mut out).map(|()| out)
+    };
+    let (along, across) = (lit(&tangent, [0.2, 0.6]), lit(&tangent, [0.6, 0.2]));
+    assert_ne!(along.expect("tangents"), across.expect("tangents"));
+    let told = lit(&root, [0.2, 0.6]).expect_err("no tangents").to_string();
+    assert!(told.contains("frame `tangent`") && told.contains("`root`"), "{told}");
+    assert!(lit(&root, [0.4; 2]).is_ok());
 }
 
 /// The upper half is half of the constant function, and at the zenith what its bands make of 1.

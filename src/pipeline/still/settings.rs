@@ -1,10 +1,10 @@
 //! What a still shows, and what cannot be shown.
 
 use super::super::evaluate::EvaluateError;
+use super::super::finish::{Finish, FinishError};
 use crate::fit;
-use crate::num::linalg::NoConvergence;
 use crate::render::Tone;
-use crate::shade::{self, MOST_LOBES, Material, ShLight};
+use crate::shade::{self, MOST_LOBES, ShLight};
 use crate::trace;
 
 /// Pixels of a side of one panel, least and most.
@@ -39,7 +39,7 @@ pub struct Still<'a> {
     /// An environment fixed in the scene; ambient occlusion when absent.
     pub light: Option<ShLight>,
     /// A reflectance; white Lambert when absent. Beside it goes a model of visibility.
-    pub brdf: Option<Material>,
+    pub brdf: Option<Finish>,
     /// Terms of the reflectance's operator on a model.
     pub terms: usize,
     /// Zonal lobes that stand for the light on a model of visibility, 1 to 8.
@@ -94,9 +94,12 @@ pub enum StillError {
         /// What it holds.
         signal: &'static str,
     },
-    /// The reflectance could not be factored.
-    #[error("the reflectance: {0}")]
-    Factor(#[from] NoConvergence),
+    /// What light is to be reflected by.
+    #[error(transparent)]
+    Finish(#[from] FinishError),
+    /// A model that holds what rays do not tell.
+    #[error("rays are no truth of this model: {0}")]
+    Untold(&'static str),
     /// Heights that are no field.
     #[error(transparent)]
     Field(#[from] shade::Error),
@@ -136,9 +139,8 @@ pub(super) fn check(settings: &Still<'_>, with_model: bool) -> Result<(), StillE
             "2 to 240, at one time or one each",
         );
     }
-    if !(1..=MOST_LOBES).contains(&settings.lobes) || settings.terms == 0 {
-        let found = format!("{} and {}", settings.terms, settings.lobes);
-        return setting("terms and lobes", found, "at least one term and 1 to 8 lobes");
+    if !(1..=MOST_LOBES).contains(&settings.lobes) {
+        return setting("lobes", settings.lobes.to_string(), "1 to 8");
     }
     if let Some(gain) = settings.gains.iter().find(|gain| !(**gain >= 0.1 && **gain <= 1000.0)) {
         return setting("a gain", gain.to_string(), "0.1 to 1000");

@@ -86,6 +86,28 @@ fn reflectances_may_have_a_grain() {
     assert!(made([0.4, 0.4]).notices.is_empty());
 }
 
+/// An operator from a file shades where rays can follow the reflectance that its name says; by rays
+/// alone, and unknown to them, it is refused. What is wrong with a reflectance is told.
+#[test]
+fn operators_are_shown_where_rays_can_follow() {
+    let order = Order::new(4).expect("order");
+    let light = ShLight::cone(order, [0.3, 1.0, 0.6], 0.4, [6.0; 3]).expect("light");
+    let gold = Finish::from(Brdf::Ggx { normal_reflectance: [0.9; 3], alpha: [0.4; 2] });
+    let of = |name: &str| {
+        let made = gold.operator(name, order, 8).expect("made").to_bytes().expect("bytes");
+        Finish::from_bytes(&made).expect("read")
+    };
+    let lit = |brdf: Finish| Still { brdf: Some(brdf), light: Some(light.clone()), ..settings() };
+    let known = still(&SCENE, None, &lit(of("ggx:0.9,0.4"))).expect("rendered");
+    assert_eq!(known.pictures, still(&SCENE, None, &lit(gold.clone())).expect("rendered").pictures);
+    let told = still(&SCENE, None, &lit(of("gold.binary"))).expect_err("unknown").to_string();
+    assert!(told.contains("`gold.binary` does not tell"), "{told}");
+    let (diffuse, specular) = ([1.0; 3], [0.5; 3]);
+    let gain = Brdf::Phong { diffuse, specular, exponent: 2.0 };
+    let made = still(&SCENE, None, &lit(gain.into())).expect("rendered");
+    assert!(made.notices.iter().any(|told| told.contains("makes energy")), "{:?}", made.notices);
+}
+
 /// Numbers out of range, unknown clips and times past the end are refused by name.
 #[test]
 fn wrong_settings_are_refused() {

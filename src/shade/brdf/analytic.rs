@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use super::{Error, Reflectance};
+use super::{Error, Reflectance, Sampling};
 
 /// A reflectance in closed form. Colours are red, green and blue, each from 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -100,6 +100,18 @@ impl Reflectance for Brdf {
             Self::Lambert { .. } | Self::Phong { .. } => true,
             Self::Ggx { alpha: [x, y], .. } | Self::AshikhminShirley { exponents: [x, y], .. } => {
                 x == y
+            }
+        }
+    }
+
+    fn sampling(&self) -> Sampling {
+        match *self {
+            Self::Lambert { .. } => Sampling::Even,
+            Self::Phong { exponent, .. } => Sampling::Mirror { exponent },
+            Self::Ggx { alpha, .. } => Sampling::Facets { slopes: alpha },
+            // cosⁿ θ is about exp(−n/2 · θ²).
+            Self::AshikhminShirley { exponents, .. } => {
+                Sampling::Facets { slopes: exponents.map(|n| (2.0 / (n + 2.0)).sqrt()) }
             }
         }
     }

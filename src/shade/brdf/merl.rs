@@ -5,8 +5,8 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use super::Reflectance;
 use super::analytic::{dot, half};
+use super::{Reflectance, Sampling};
 
 /// θ_h, θ_d, φ_d.
 const SIZE: [usize; 3] = [90, 90, 180];
@@ -45,6 +45,8 @@ pub enum MerlError {
 pub struct Merl {
     cells: Vec<[f32; 3]>,
     missing: usize,
+    /// Of the facets that mirror most.
+    slope: f64,
 }
 
 impl Merl {
@@ -80,7 +82,9 @@ impl Merl {
         let missing = (0..CELLS).filter(|&i| (0..3).any(|c| values[c * CELLS + i] < 0.0)).count();
         let cell =
             |i: usize| std::array::from_fn(|c| (SCALES[c] * values[c * CELLS + i]).max(0.0) as f32);
-        Ok(Self { cells: (0..CELLS).map(cell).collect(), missing })
+        let cells: Vec<[f32; 3]> = (0..CELLS).map(cell).collect();
+        let slope = slope(&cells);
+        Ok(Self { cells, missing, slope })
     }
 
     /// The file of a reflectance, sampled at the middle of every cell: for tests and exchange.
@@ -115,6 +119,21 @@ impl Merl {
         let low = (x.floor() as usize).min(count - 2);
         (low, x - low as f64)
     }
+}
+
+/// The slope of facets, as GGX would have it: it falls to half of its peak at 0.64 α. What is as strong
+/// at a half angle of 45° is diffuse and counts as nothing.
+fn slope(cells: &[[f32; 3]]) -> f64 {
+    // Away from grazing, where Fresnel's part is another.
+    let of = |h: usize| -> f64 {
+        let row = &cells[h * SIZE[1] * SIZE[2]..][..SIZE[1] / 3 * SIZE[2]];
+        row.iter().flatten().map(|&value| f64::from(value)).sum()
+    };
+    let theta = |h: usize| FRAC_PI_2 * ((h as f64 + 0.5) / SIZE[0] as f64).powi(2);
+    let diffuse = of((0..SIZE[0]).find(|&h| theta(h) > FRAC_PI_2 / 2.0).unwrap_or(SIZE[0] - 1));
+    let peak = (0..SIZE[0]).map(of).fold(0.0, f64::max) - diffuse;
+    let last = (0..SIZE[0]).rev().find(|&h| peak > 0.0 && of(h) - diffuse > 0.5 * peak);
+    last.map_or(1.0, |h| (theta(h + 1).tan() / 0.64).clamp(1e-3, 1.0))
 }
 
 /// The two directions with these half-angle coordinates; the half vector lies over +X.
@@ -162,6 +181,14 @@ impl Reflectance for Merl {
     fn is_isotropic(&self) -> bool {
         true
     }
+
+    fn sampling(&self) -> Sampling {
+        // Wider ones need no other directions than a diffuse surface.
+        if self.slope > 0.5 {
+            return Sampling::Even;
+        }
+        Sampling::Facets { slopes: [self.slope; 2] }
+    }
 }
 
 #[cfg(test)]
@@ -190,6 +217,23 @@ mod tests {
         assert!(worst < 5e-3, "{worst}");
         assert!(merl.is_isotropic());
         assert_eq!(merl.reflect([0.0, 0.0, -1.0], [0.0, 0.0, 1.0]), [0.0; 3]);
+    }
+
+    /// The slope of a table's facets is about that of its source, beside diffuse light and without; a
+    /// diffuse table has none.
+    #[test]
+    fn tables_tell_their_lobe() {
+        let of = |brdf: Brdf| Merl::from_bytes(&Merl::bytes_of(&brdf)).unwrap().sampling();
+        for alpha in [0.02, 0.2] {
+            let ggx = Brdf::Ggx { normal_reflectance: [0.9; 3], alpha: [alpha; 2] };
+            let Sampling::Facets { slopes: [x, y] } = of(ggx) else { panic!("no lobe") };
+            assert!(x == y && (0.6..1.6).contains(&(x / alpha)), "{alpha}: {x}");
+        }
+        let (diffuse, specular) = ([0.5; 3], [0.3; 3]);
+        let plastic = Brdf::AshikhminShirley { diffuse, specular, exponents: [500.0; 2] };
+        let Sampling::Facets { slopes: [x, _] } = of(plastic) else { panic!("no lobe") };
+        assert!((0.03..0.13).contains(&x), "{x}");
+        assert_eq!(of(Brdf::Lambert { albedo: [0.5; 3] }), Sampling::Even);
     }
 
     /// Cut files, other counts and NaN are refused with their numbers; negative cells are counted

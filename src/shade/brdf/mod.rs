@@ -4,11 +4,14 @@ mod analytic;
 mod examine;
 mod material;
 mod merl;
+mod rule;
 
 pub use analytic::Brdf;
 pub use examine::{Examination, examine};
 pub use material::Material;
 pub use merl::{Merl, MerlError};
+pub(in crate::shade) use rule::Rule;
+pub use rule::Sampling;
 
 use super::Error;
 
@@ -20,4 +23,9 @@ pub trait Reflectance: Sync {
 
     /// Whether only the difference of the azimuths counts, and not its sign.
     fn is_isotropic(&self) -> bool;
+
+    /// Where integrals take their directions from.
+    fn sampling(&self) -> Sampling {
+        Sampling::Even
+    }
 }

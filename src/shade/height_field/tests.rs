@@ -160,3 +160,21 @@ fn bad_fields_are_refused() {
     refused(1, 1, 0.0, &[0.0], "0 m");
     refused(usize::MAX, 2, 1.0, &[0.0], "heights");
 }
+
+/// Heights and distances at their bounds have horizons of finite numbers; beyond them they are refused,
+/// for their slopes have no squares in f32.
+#[test]
+fn huge_heights_are_bounded() {
+    for (height, cell) in [(3e38, 1.0), (-3e38, 1.0), (1.1e9, 1.0), (1.0, 1e-30), (1.0, 1e20)] {
+        let told = HeightField::new(2, 1, cell, &[0.0, height]).unwrap_err().to_string();
+        assert!(told.contains("±1,000,000,000 m") && told.contains("0.000001"), "{told}");
+    }
+    let steep = [-1e9, 1e9, -1e9, 1e9, 1e9, -1e9];
+    let mut field = HeightField::new(3, 2, 1e-6, &steep).unwrap();
+    assert!(field.set_heights(&[3e38; 6]).is_err());
+    let shadows = HorizonShadows::new(Order::new(4).unwrap(), 16);
+    let mut row = vec![0.0; 3 * 16];
+    shadows.visibility_row(&field, 1, &mut row);
+    assert!(row.iter().all(|x| x.is_finite()), "{row:?}");
+    assert!((0..3).all(|column| field.normal(column, 1).is_normalized()));
+}

@@ -135,8 +135,8 @@ fn share(part: f64, whole: f64) -> f64 {
 }
 
 /// Projects and factors the three colours of a reflectance for visibility and light of an order.
-/// Integrals are products of `nodes` Gauss–Legendre elevations on each side; azimuths take twice as
-/// many. Light factors get order 2n − 1, at most 10, which is what a product of two functions of
+/// Integrals are products of `nodes` Gauss–Legendre nodes on each side and twice as many azimuths,
+/// those of the incoming side gathered in the lobe ([`Reflectance::sampling`]). Light factors get order 2n − 1, at most 10, which is what a product of two functions of
 /// order n can see of them.
 ///
 /// # Errors

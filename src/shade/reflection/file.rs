@@ -35,6 +35,10 @@ pub struct ReflectorHeader {
     pub name: String,
     /// ‖f cos − factored‖ / ‖f cos‖ by colour.
     pub errors: Vec<f64>,
+    /// Whether it looks the same however a surface is turned about its normal. What a file says of it is
+    /// not looked at: its numbers tell.
+    #[serde(default)]
+    pub isotropic: bool,
 }
 
 /// Why bytes are no operator.
@@ -120,6 +124,7 @@ impl Reflector {
         this.view = numbers(&tensors, "view", &view_shape)?;
         let matrices = numbers(&tensors, "matrices", &matrix_shape)?;
         this.matrices = transposed(&matrices, order.coefficients());
+        this.header.isotropic = this.is_isotropic();
         Ok(this)
     }
 }
@@ -171,6 +176,32 @@ fn numbers(
 mod tests {
     use super::super::reflector::tests::reflectors;
     use super::*;
+
+    /// A grain is told from the numbers, whatever a file says of it: files of before this was said, of
+    /// reflectances with and without one, at any number of terms, with the cosine in either place.
+    #[test]
+    fn a_grain_is_told() {
+        use crate::shade::{Brdf, Cosine, Factoring, factor_by};
+        let order = Order::new(4).unwrap();
+        let ggx = |alpha| Brdf::Ggx { normal_reflectance: [0.9, 0.5, 0.2], alpha };
+        for cosine in [Cosine::Inside, Cosine::Matrix] {
+            let way = Factoring { cosine, ..Factoring::default() };
+            for (brdf, isotropic) in [(ggx([0.3; 2]), true), (ggx([0.3, 0.4]), false)] {
+                let factored = factor_by(&brdf, order, 12, way).unwrap();
+                for terms in [1, 2, 3, 8, 16] {
+                    let operators = factored.each_ref().map(|colour| colour.operator(terms));
+                    let mut made = Reflector::new("x", &operators, [0.0; 3]);
+                    // One term has no direction to prefer.
+                    let expected = isotropic || (terms == 1 && made.header.isotropic);
+                    assert_eq!(made.header.isotropic, expected, "{terms} terms");
+                    let told = made.header.isotropic;
+                    made.header.isotropic = !told;
+                    let read = Reflector::from_bytes(&made.to_bytes().unwrap()).unwrap();
+                    assert_eq!(read.header.isotropic, told);
+                }
+            }
+        }
+    }
 
     /// What is written reads back, byte for byte the same each time, with colours that share their
     /// matrices and without; every cut file, other shapes, other versions and numbers that are not

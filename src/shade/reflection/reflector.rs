@@ -9,6 +9,9 @@ use super::{MOST_TERMS, ReflectionOperator};
 use crate::num::panels::Panels;
 use crate::sh::{MAX_COEFFICIENTS, Order, evaluate};
 
+/// The share of an operator's energy between different degrees that is rounding.
+const MIXED: f64 = 1e-9;
+
 /// A reflectance ready to shade: view factors of one colour or three, and product matrices that the
 /// colours share or have each.
 #[derive(Debug, Clone)]
@@ -97,11 +100,39 @@ impl Reflector {
             channels,
             name: name.to_owned(),
             errors: errors[..channels].to_vec(),
+            isotropic: false,
         };
         let matrices = collect(sets, ReflectionOperator::matrices);
         let matrices = transposed(&matrices, order.coefficients());
         let view = collect(channels, ReflectionOperator::view);
-        Self::of(header, order, view, matrices)
+        let mut this = Self::of(header, order, view, matrices);
+        this.header.isotropic = this.is_isotropic();
+        this
+    }
+
+    /// Whether no degree of the light meets another of the view. A grain makes them meet: what it sends
+    /// towards one azimuth is not what it sends towards another, turned. A pair of terms of one degree
+    /// that the number of terms cuts in two is none.
+    pub(super) fn is_isotropic(&self) -> bool {
+        let (count, terms) = (self.order.coefficients(), self.header.terms);
+        let degree = |i: usize| i.abs_diff(i.isqrt() * (i.isqrt() + 1));
+        let (mut all, mut mixed) = (0.0, 0.0);
+        for (channel, view) in self.views().enumerate() {
+            let set = if self.sets() == 1 { 0 } else { channel };
+            let matrices = &self.matrices[set * self.set()..][..self.set()];
+            for i in 0..count {
+                for k in 0..count {
+                    // The light factors, for a product with the constant is the function itself.
+                    let first = |b: usize| matrices[(b * count + k) * count];
+                    let met: f32 = (0..terms).map(|b| view[b * count + i] * first(b)).sum();
+                    all += f64::from(met).powi(2);
+                    if degree(i) != degree(k) {
+                        mixed += f64::from(met).powi(2);
+                    }
+                }
+            }
+        }
+        mixed <= MIXED * all
     }
 
     pub(super) fn of(

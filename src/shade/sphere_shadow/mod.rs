@@ -80,11 +80,11 @@ impl SphereShadows {
     pub fn add(&self, receiver: Vec3, sphere: &Sphere, log: &mut [f32]) {
         let log = &mut log[..self.order.coefficients()];
         let towards = sphere.centre - receiver;
-        let distance = towards.length();
-        if distance <= sphere.radius {
+        if holds(sphere, receiver) {
             log[0] += self.inside;
             return;
         }
+        let distance = towards.length();
         let place = (sphere.radius / distance).clamp(0.0, 1.0).asin()
             * (STEPS as f32 / std::f32::consts::FRAC_PI_2);
         let low = (place as usize).min(STEPS - 1);
@@ -100,7 +100,9 @@ impl SphereShadows {
         }
     }
 
-    /// The visibility of a point among bodies, each with the [`SphereShadows::overlap`] of its spheres.
+    /// The visibility of a point among bodies, each with the [`SphereShadows::overlap`] of its spheres,
+    /// which says what of them hide one another from outside; a point inside of a sphere sees nothing,
+    /// whatever that is.
     ///
     /// # Panics
     /// If `out` is shorter than n².
@@ -113,7 +115,10 @@ impl SphereShadows {
         let mut log = [0.0; MAX_COEFFICIENTS];
         for (spheres, overlap) in bodies {
             let mut own = [0.0; MAX_COEFFICIENTS];
-            spheres.iter().for_each(|sphere| self.add(receiver, sphere, &mut own));
+            for sphere in spheres {
+                let into = if holds(sphere, receiver) { &mut log } else { &mut own };
+                self.add(receiver, sphere, into);
+            }
             log.iter_mut().zip(own).for_each(|(log, own)| *log += overlap * own);
         }
         self.exponential.apply(&log, out);
@@ -130,6 +135,10 @@ impl SphereShadows {
         }
         self.exponential.apply(&log, out);
     }
+}
+
+fn holds(sphere: &Sphere, point: Vec3) -> bool {
+    sphere.centre.distance(point) <= sphere.radius
 }
 
 #[cfg(test)]

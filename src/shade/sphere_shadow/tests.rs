@@ -123,6 +123,26 @@ fn points_inside_are_dark_and_finite() {
     assert!((f64::from(found[0]) - one()[0]).abs() < 1e-5);
 }
 
+/// Inside a sphere of a body it is dark, however much its spheres hide one another from outside; outside
+/// their overlap lets light past.
+#[test]
+fn overlap_lights_nothing_inside() {
+    let shadows = SphereShadows::new(order(4));
+    let at = |x: f32| Sphere { centre: Vec3::new(x, 0.0, 0.0), radius: 1.0 };
+    let body = [at(0.1), at(1.8)];
+    let mut found = [0.0; 16];
+    let mut among = |receiver: Vec3, overlap: f32| {
+        shadows.among_bodies(receiver, [(&body[..], overlap)].into_iter(), &mut found);
+        found
+    };
+    for overlap in [1.0, 0.7, 0.35] {
+        let dark = among(Vec3::ZERO, overlap);
+        assert!(dark.iter().all(|x| x.abs() < 0.01 * one()[0] as f32), "{overlap}: {dark:?}");
+    }
+    let outside = Vec3::new(0.0, 3.0, 0.0);
+    assert!(among(outside, 0.35)[0] > among(outside, 1.0)[0] + 0.01);
+}
+
 /// A sphere over a floor: where all of it is above the horizon, ambient occlusion is 1 − (r/d)² cos θ
 /// exactly. Ours is within 0.03 at order 4, within a hundredth where the sphere fills less than 20°.
 #[test]

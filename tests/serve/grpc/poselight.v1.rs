@@ -65,7 +65,7 @@ pub struct Light {
 /// Exactly one of `form` and `asset`, and `eye`.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Brdf {
-    /// An isotropic reflectance in words, such as `ggx:0.5,0.3`.
+    /// A reflectance in words, such as `ggx:0.5,0.3`; one with a grain on models in the tangent frame.
     #[prost(string, tag = "1")]
     pub form: ::prost::alloc::string::String,
     /// SHA-256 of an uploaded operator, or of a measured reflectance in the binary format of MERL.

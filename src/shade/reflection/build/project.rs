@@ -3,8 +3,8 @@
 use std::f64::consts::{PI, TAU};
 
 use super::Cosine;
-use crate::sh::{MAX_BANDS, MAX_COEFFICIENTS, Order, evaluate_f64, gauss_legendre};
-use crate::shade::brdf::Reflectance;
+use crate::sh::{MAX_COEFFICIENTS, Order, evaluate_f64, gauss_legendre};
+use crate::shade::brdf::{Reflectance, Rule};
 
 /// F_ij = ∫∫ f cos θ_i y_i(ω_i) y_j(ω_o), `[i][j]`, and the energies before projection and after that
 /// of the incoming side alone.
@@ -59,9 +59,40 @@ pub(super) fn elevations(nodes: usize) -> Vec<[f64; 3]> {
     .collect()
 }
 
-/// With f a function of the azimuths' difference Δ alone, and even in it, the integral over both
-/// azimuths is (1 + δ_m0) π ∫ f cos mΔ dΔ where both harmonics have the same degree m (of either
-/// sign), and 0 elsewhere.
+/// What is seen from one direction: ∫ f cos θ_i y_i(ω_i) dω_i and ∫ (f cos θ_i)² dω_i by colour.
+struct Seen {
+    sums: [[f64; MAX_COEFFICIENTS]; 3],
+    squares: [f64; 3],
+}
+
+impl Seen {
+    fn from(
+        outgoing: [f64; 3],
+        reflectance: &impl Reflectance,
+        rule: &Rule,
+        (light_order, cosine): (Order, Cosine),
+    ) -> Self {
+        let mut this = Self { sums: [[0.0; MAX_COEFFICIENTS]; 3], squares: [0.0; 3] };
+        let mut y = [0.0; MAX_COEFFICIENTS];
+        let y = &mut y[..light_order.coefficients()];
+        rule.each(reflectance.sampling(), outgoing, |incoming, weight| {
+            let scale = cosine.weight(incoming[2]);
+            let f = reflectance.reflect(incoming, outgoing).map(|f| f * scale);
+            evaluate_f64(light_order, incoming, y);
+            for ((sums, squares), f) in this.sums.iter_mut().zip(&mut this.squares).zip(f) {
+                *squares += weight * f * f;
+                let share = weight * f;
+                sums.iter_mut().zip(&*y).for_each(|(sum, y)| *sum += share * y);
+            }
+        });
+        this
+    }
+}
+
+/// With f a function of the azimuths' difference Δ alone, and even in it, what is seen from azimuth φ is
+/// what is seen from over +X, turned: cos mφ and sin mφ times its harmonics of degree m ≥ 0, those of
+/// negative degree being 0. So the integral over φ is (1 + δ_m0) π where both harmonics have the same
+/// degree m (of either sign), and 0 elsewhere.
 pub(super) fn isotropic(
     reflectance: &impl Reflectance,
     [order, light_order]: [Order; 2],
@@ -69,77 +100,31 @@ pub(super) fn isotropic(
     cosine: Cosine,
 ) -> [Projected; 3] {
     let mut out = empty(order, light_order);
-    let around = Around::new(2 * nodes, light_order);
-    let meridian = |[sin, cos, _]: [f64; 3]| {
-        let mut y = [0.0; MAX_COEFFICIENTS];
-        evaluate_f64(light_order.max(order), [sin, 0.0, cos], &mut y);
-        y
-    };
-    let elevations = elevations(nodes);
-    let meridians: Vec<[f64; MAX_COEFFICIENTS]> = elevations.iter().map(|&e| meridian(e)).collect();
-    for (to, y_to) in elevations.iter().zip(&meridians) {
-        let outgoing = [to[0], 0.0, to[1]];
-        let mut seen = [const { [0.0; MAX_COEFFICIENTS] }; 3];
-        for (from, y_from) in elevations.iter().zip(&meridians) {
-            let scale = cosine.weight(from[1]);
-            let (turned, squares) = around.integrals(|[cos, sin]| {
-                let incoming = [from[0] * cos, from[0] * sin, from[1]];
-                reflectance.reflect(incoming, outgoing).map(|f| f * scale)
-            });
-            for (c, out) in out.iter_mut().enumerate() {
-                out.energy += TAU * from[2] * to[2] * squares[c];
-                spread(&mut out.matrix, [light_order, order], y_from, y_to, |m| {
-                    let both = if m == 0 { TAU } else { PI };
-                    both * from[2] * to[2] * turned[m][c]
-                });
-                for (i, sum) in seen[c].iter_mut().enumerate().take(light_order.coefficients()) {
-                    let l = i.isqrt();
-                    // Only the harmonics of degree m ≥ 0 see a function that is even in Δ.
-                    if let Some(m) = i.checked_sub(l * (l + 1)) {
-                        *sum += from[2] * turned[m][c] * y_from[i];
-                    }
+    let rule = Rule::new(nodes, true);
+    let mut y = [0.0; MAX_COEFFICIENTS];
+    for [sin, cos, weight] in elevations(nodes) {
+        let outgoing = [sin, 0.0, cos];
+        let seen = Seen::from(outgoing, reflectance, &rule, (light_order, cosine));
+        evaluate_f64(order, outgoing, &mut y);
+        for (c, out) in out.iter_mut().enumerate() {
+            let mut sums = seen.sums[c];
+            for (i, sum) in sums.iter_mut().enumerate() {
+                let l = i.isqrt();
+                if i < l * (l + 1) {
+                    *sum = 0.0;
                 }
             }
-        }
-        for (out, seen) in out.iter_mut().zip(&seen) {
-            out.lit += TAU * to[2] * cosine.energy_of(seen);
+            out.energy += TAU * weight * seen.squares[c];
+            out.lit += TAU * weight * cosine.energy_of(&sums);
+            spread(&mut out.matrix, [light_order, order], &sums, &y, |m| {
+                weight * if m == 0 { TAU } else { PI }
+            });
         }
     }
     out
 }
 
-/// Azimuths of an isotropic table, with cos mΔ of each.
-struct Around {
-    directions: Vec<[f64; 2]>,
-    waves: Vec<[f64; MAX_BANDS]>,
-    bands: usize,
-}
-
-impl Around {
-    fn new(count: usize, order: Order) -> Self {
-        let delta = |k: usize| TAU / count as f64 * (k as f64 + 0.5);
-        let direction = |k| [delta(k).cos(), delta(k).sin()];
-        let wave = |k| std::array::from_fn(|m| (m as f64 * delta(k)).cos());
-        let (directions, waves) = ((0..count).map(direction), (0..count).map(wave));
-        Self { directions: directions.collect(), waves: waves.collect(), bands: order.bands() }
-    }
-
-    /// ∫ f cos mΔ dΔ by degree and colour, and ∫ f² dΔ.
-    fn integrals(&self, f: impl Fn([f64; 2]) -> [f64; 3]) -> ([[f64; 3]; MAX_BANDS], [f64; 3]) {
-        let (mut turned, mut squares) = ([[0.0; 3]; MAX_BANDS], [0.0; 3]);
-        let step = TAU / self.directions.len() as f64;
-        for (direction, waves) in self.directions.iter().zip(&self.waves) {
-            let f = f(*direction);
-            squares.iter_mut().zip(f).for_each(|(sum, f)| *sum += step * f * f);
-            for (sums, wave) in turned.iter_mut().zip(waves).take(self.bands) {
-                sums.iter_mut().zip(f).for_each(|(sum, f)| *sum += step * wave * f);
-            }
-        }
-        (turned, squares)
-    }
-}
-
-/// Adds the share of one pair of elevations to all entries of equal degree.
+/// Adds the share of one elevation to all entries of equal degree.
 fn spread(
     matrix: &mut [f64],
     [rows, columns]: [Order; 2],
@@ -163,7 +148,7 @@ fn spread(
     }
 }
 
-/// Without symmetry: for every outgoing direction the integral over incoming ones.
+/// Without symmetry: for outgoing directions all around.
 pub(super) fn anisotropic(
     reflectance: &impl Reflectance,
     [order, light_order]: [Order; 2],
@@ -171,39 +156,22 @@ pub(super) fn anisotropic(
     cosine: Cosine,
 ) -> [Projected; 3] {
     let mut out = empty(order, light_order);
-    let (rows, columns) = (light_order.coefficients(), order.coefficients());
-    let around = 2 * nodes;
-    let step = TAU / around as f64;
-    let directions: Vec<([f64; 3], f64)> = elevations(nodes)
-        .into_iter()
-        .flat_map(|[sin, cos, weight]| {
-            (0..around).map(move |k| {
-                let (s, c) = (step * (k as f64 + 0.5)).sin_cos();
-                ([sin * c, sin * s, cos], weight * step)
-            })
-        })
-        .collect();
-    let mut tables = vec![0.0; directions.len() * rows];
-    for ((direction, _), row) in directions.iter().zip(tables.chunks_exact_mut(rows)) {
-        evaluate_f64(light_order, *direction, row);
-    }
+    let columns = order.coefficients();
+    let rule = Rule::new(nodes, false);
+    let step = PI / nodes as f64;
     let mut y = vec![0.0; columns];
-    for (outgoing, view_weight) in &directions {
-        let mut sums = [const { [0.0; MAX_COEFFICIENTS] }; 3];
-        for ((incoming, weight), table) in directions.iter().zip(tables.chunks_exact(rows)) {
-            let scale = cosine.weight(incoming[2]);
-            let f = reflectance.reflect(*incoming, *outgoing).map(|f| f * scale);
-            for (c, sums) in sums.iter_mut().enumerate() {
-                out[c].energy += view_weight * weight * f[c] * f[c];
-                let share = weight * f[c];
-                sums.iter_mut().zip(table).for_each(|(sum, y)| *sum += share * y);
-            }
-        }
-        evaluate_f64(order, *outgoing, &mut y);
-        for (out, sums) in out.iter_mut().zip(&sums) {
-            out.lit += view_weight * cosine.energy_of(sums);
-            for (row, sum) in out.matrix.chunks_exact_mut(columns).zip(sums) {
-                row.iter_mut().zip(&y).for_each(|(entry, y)| *entry += view_weight * sum * y);
+    for [r, z, weight] in elevations(nodes) {
+        for k in 0..2 * nodes {
+            let (sin, cos) = (step * (k as f64 + 0.5)).sin_cos();
+            let (outgoing, weight) = ([r * cos, r * sin, z], weight * step);
+            let seen = Seen::from(outgoing, reflectance, &rule, (light_order, cosine));
+            evaluate_f64(order, outgoing, &mut y);
+            for (c, out) in out.iter_mut().enumerate() {
+                out.energy += weight * seen.squares[c];
+                out.lit += weight * cosine.energy_of(&seen.sums[c]);
+                for (row, sum) in out.matrix.chunks_exact_mut(columns).zip(&seen.sums[c]) {
+                    row.iter_mut().zip(&y).for_each(|(entry, y)| *entry += weight * sum * y);
+                }
             }
         }
     }

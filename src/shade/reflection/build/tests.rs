@@ -70,6 +70,40 @@ fn a_lambert_operator_is_transfer_where_nothing_occludes() {
     }
 }
 
+/// Where something occludes, a Lambert operator approaches transfer as the order of visibility rises: a
+/// point of a floor beside a sphere that fills 40° around a direction 50° from the normal, whose
+/// visibility is known in closed form; transfer by a slow integral, over the bands that all orders have.
+#[test]
+fn a_lambert_operator_approaches_transfer_where_something_occludes() {
+    let lambert = Brdf::Lambert { albedo: [1.0; 3] };
+    let (sin, cos) = 50_f64.to_radians().sin_cos();
+    let (towards, half_angle) = ([sin, 0.0, cos], 40_f64.to_radians());
+    let (mut expected, mut y) = ([0.0; 9], [0.0; 9]);
+    for (w, area) in sphere(64).into_iter().filter(|(w, _)| w[2] > 0.0) {
+        let along: f64 = w.iter().zip(towards).map(|(a, b)| a * b).sum();
+        if along < half_angle.cos() {
+            evaluate_f64(order(3), w, &mut y);
+            expected.iter_mut().zip(y).for_each(|(sum, y)| *sum += area * w[2] * y / PI);
+        }
+    }
+    let apart = |bands: u8| {
+        let n = order(bands);
+        let mut visible = vec![0.0; n.coefficients()];
+        zonal::rotate_f64(n, &zonal::cap(n, half_angle), towards, &mut visible);
+        visible.iter_mut().for_each(|v| *v = -*v);
+        visible[0] += (4.0 * PI).sqrt();
+        let mut found = vec![0.0; n.coefficients()];
+        let operator = factor(&lambert, n, 12).unwrap()[0].operator(1);
+        operator.transfer(&visible, [0.0, 0.0, 1.0], &mut found);
+        let squares = found.iter().zip(&expected).map(|(a, b)| (a - b).powi(2));
+        (squares.sum::<f64>() / expected.iter().map(|x| x * x).sum::<f64>()).sqrt()
+    };
+    let off = [3, 4, 6, 8].map(apart);
+    for (off, expected) in off.into_iter().zip([0.098, 0.018, 0.0026, 0.0019]) {
+        assert!((off / expected - 1.0).abs() < 0.1, "{off} {expected}");
+    }
+}
+
 /// A reflectance has as many terms as any of its colours, and an operator of more than that has those;
 /// the three colours of one have the same number.
 #[test]
@@ -84,7 +118,7 @@ fn terms_above_the_rank_are_left_out() {
     let ranks = factored.each_ref().map(Factored::rank);
     assert!(ranks[0] > 1 && ranks == [ranks[0]; 3], "{ranks:?}");
     let cut = |colour: usize| factored[colour].error(1) - factored[colour].band_limit();
-    assert!(cut(0) < 1e-9 && cut(1) > 0.05, "{} {}", cut(0), cut(1));
+    assert!(cut(0) < 1e-6 && cut(1) > 0.05, "{} {}", cut(0), cut(1));
 }
 
 /// Between light and visibility nothing is lost: the radiance is the integral of the light's bands
@@ -135,6 +169,35 @@ fn the_white_furnace_gives_back_the_albedo() {
             let off = (found - expected).abs() * view[2];
             assert!(off < tolerance, "{brdf:?}, {view:?}: {found} {expected}");
         }
+    }
+}
+
+/// Narrow lobes and those of a grain give back what they take: averaged over views, the furnace of an
+/// operator is the albedo, 1 for mirrors and less where facets hide one another (slow sums of the
+/// closed forms: 0.937 and 0.855).
+#[test]
+fn narrow_lobes_give_back_their_albedo() {
+    let white = [1.0; 3];
+    let ggx = |alpha| Brdf::Ggx { normal_reflectance: white, alpha };
+    let (diffuse, specular, exponents) = ([0.0; 3], white, [100.0, 10_000.0]);
+    for (brdf, nodes, expected) in [
+        (ggx([0.02; 2]), 32, 0.993),
+        (ggx([0.01; 2]), 32, 0.997),
+        (ggx([0.05, 0.2]), 14, 0.937),
+        (Brdf::AshikhminShirley { diffuse, specular, exponents }, 14, 0.855),
+    ] {
+        let n = order(4);
+        let factored = &factor(&brdf, n, nodes).unwrap()[0];
+        let operator = factored.operator(factored.most_terms());
+        let mut transfer = vec![0.0; n.coefficients()];
+        let (mut mean, mut area) = (0.0, 0.0);
+        for (view, weight) in sphere(12).into_iter().filter(|(view, _)| view[2] > 0.0) {
+            operator.transfer(&one(n), view, &mut transfer);
+            mean += weight * transfer[0] * (4.0 * PI).sqrt();
+            area += weight;
+        }
+        let found = mean / area;
+        assert!((found - expected).abs() < 6e-3, "{brdf:?}: {found} {expected}");
     }
 }
 
@@ -198,7 +261,8 @@ fn errors_are_told_apart() {
             }
             lit += view_area * sums.iter().map(|x| x * x).sum::<f64>();
         }
-        assert!((factored.lit / lit - 1.0).abs() < 1e-3, "{} {lit}", factored.lit);
+        // The even sum is off by some thousandths itself.
+        assert!((factored.lit / lit - 1.0).abs() < 5e-3, "{} {lit}", factored.lit);
     }
 }
 
