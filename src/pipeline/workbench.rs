@@ -6,6 +6,7 @@
 //! found here is an estimate: whoever decides fits the best candidates to all points.
 
 mod importance;
+mod sample;
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -21,6 +22,7 @@ use crate::choose::Point;
 use crate::dataset::{Dataset, Movement, Training, TrainingParts};
 use crate::fit::{Kept, Largest, Shared};
 use crate::model::{Model, PosedInput, PosedPoints, Precision, RigHeader};
+use sample::{sample, thinned};
 
 /// Points that candidates are tried on, at most.
 const MOST_POINTS: usize = 1024;
@@ -383,31 +385,6 @@ impl Bench<'_> {
     }
 }
 
-/// Every n-th point of the points by bones: each bone has its share, and neighbours in the mesh do
-/// not stand for one another.
-fn sample(bone_of_point: &[u16], most: usize) -> Vec<u32> {
-    let mut order: Vec<u32> = (0..bone_of_point.len() as u32).collect();
-    order.sort_by_key(|&point| (bone_of_point[point as usize], point));
-    let step = order.len().div_ceil(most.max(1)).max(1);
-    let mut some: Vec<u32> = order.into_iter().step_by(step).collect();
-    some.sort_unstable();
-    some
-}
-
-/// A job over some points only.
-fn thinned(mut job: Job, points: &[u32]) -> Job {
-    let bones = &job.poses.bones.of_point;
-    job.poses.bones.of_point = points.iter().map(|&point| bones[point as usize]).collect();
-    let all = &job.poses.points;
-    // A vertex that is not there counts with the one before it.
-    let near = |&point: &u32| points.partition_point(|&kept| kept <= point).max(1) as u32 - 1;
-    job.poses.points = crate::rig::Points {
-        vertex: points.iter().map(|&point| all.vertex[point as usize]).collect(),
-        of_vertex: all.of_vertex.iter().map(near).collect(),
-    };
-    job
-}
-
 /// The largest sizes among candidates.
 pub(super) fn largest(candidates: &[CandidateRecipe]) -> Largest {
     let fits = || candidates.iter().map(|candidate| &candidate.recipe.fit);
@@ -415,22 +392,4 @@ pub(super) fn largest(candidates: &[CandidateRecipe]) -> Largest {
     let default = super::recipe::DEFAULT_CLUSTER_RETAINED;
     let share = fits().filter_map(|fit| fit.retain_outputs).fold(default, f64::max);
     Largest { outputs: outputs as usize, cluster_outputs: Kept::Share(share) }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A sample has as many points as asked for at most, and of every bone that has enough.
-    #[test]
-    fn samples_hold_every_bone() {
-        let bones: Vec<u16> = (0..1000).map(|i| [0, 0, 0, 7, 3][i % 5]).collect();
-        let some = sample(&bones, 100);
-        assert!(some.len() <= 100 && some.is_sorted());
-        for (bone, share) in [(0, 60), (3, 20), (7, 20)] {
-            let count = some.iter().filter(|&&p| bones[p as usize] == bone).count();
-            assert!(count.abs_diff(share) <= 1, "{bone}: {count}");
-        }
-        assert_eq!(sample(&[1, 0], 5), [0, 1]);
-    }
 }
