@@ -96,10 +96,9 @@ impl BrdfRequest {
             let light = three(model.header().sh_order(), &colours)?;
             let (reflector, notices) = self.reflector(service, model.header().sh_order())?;
             let gloss = Gloss::new(model, &light, reflector, lobes);
-            let gloss = gloss.map(|gloss| gloss.with_notices(notices));
-            gloss
-                .and_then(|gloss| gloss.check_grain(model).map(|()| gloss))
-                .map_err(|error| refused("#/brdf".to_owned(), &error))
+            let gloss = gloss.map_err(|error| refused("#/brdf".to_owned(), &error))?;
+            gloss.check_grain(model).map_err(|error| refused(self.source().to_owned(), &error))?;
+            Ok(gloss.with_notices(notices))
         })?;
         Ok((gloss, eye))
     }
@@ -121,6 +120,11 @@ fn three(order: Order, colours: &[Vec<f32>]) -> Result<ShLight, Problem> {
 type Told = (Reflector, Vec<String>);
 
 impl BrdfRequest {
+    /// The field that says which reflectance it is.
+    fn source(&self) -> &'static str {
+        if self.form.is_some() { "#/brdf/form" } else { "#/brdf/asset" }
+    }
+
     fn reflector(&self, service: &Service, order: Order) -> Result<Told, Problem> {
         match (&self.form, &self.asset) {
             (Some(form), None) => self.of_form(form, order),
@@ -144,8 +148,7 @@ impl BrdfRequest {
                 "operators of order {} are not made here, up to {MOST_ORDER} they are: upload one",
                 order.get()
             );
-            let at = if self.form.is_some() { "#/brdf/form" } else { "#/brdf/asset" };
-            return Err(Problem::field(at, fault));
+            return Err(Problem::field(self.source(), fault));
         }
         let finish = Finish::from(material);
         let made = finish.operator(name, order, self.terms.unwrap_or(GLOSS_TERMS));
