@@ -1,5 +1,5 @@
 //! `cargo bench --bench papers -- [SCENE.glb…] [--fps 4] [--rays 64] [--factor 8] [--poses 10]
-//! [--order 4] [--folder DIR] [--output DIR] [--part tables,studies,quarter,equal]`: the published
+//! [--order 4] [--folder DIR] [--output DIR] [--part tables,quarter,studies,frames,equal]`: the published
 //! methods on our own characters, laid out as their papers print them, the papers' studies as
 //! plots, P(8,22) in a quarter of its bytes, and the automatic choice beside the best published
 //! method at equal bytes. Without a scene the bundled character. Ambient occlusion, transfer and
@@ -12,6 +12,7 @@
 #![expect(clippy::print_stdout, reason = "a benchmark prints its tables")]
 
 mod equal;
+mod frames;
 mod quarter;
 mod settings;
 mod studies;
@@ -36,6 +37,9 @@ fn main() -> Result<()> {
         }
         if part("studies") {
             studies::all(&bakes, &mut page)?;
+        }
+        if part("frames") {
+            frames::table(&bakes, &mut page)?;
         }
         if part("equal") {
             equal::table(&bakes, &mut page)?;

@@ -27,7 +27,7 @@ impl Options {
         (recipe.poses.rate_hz, recipe.poses.interpolated_every) = (4.0, 4);
         (recipe.bake.rays, recipe.bake.order) = (64, 4);
         (recipe.target.reference_factor, recipe.target.reference_poses) = (8, 10);
-        let parts = ["tables", "quarter", "studies", "equal"].map(str::to_owned).to_vec();
+        let parts = ["tables", "quarter", "studies", "frames", "equal"].map(str::to_owned).to_vec();
         let mut this = Self { scenes: Vec::new(), recipe, folder: None, output: None, parts };
         let mut words = std::env::args().skip(1).filter(|word| word != "--bench");
         while let Some(word) = words.next() {

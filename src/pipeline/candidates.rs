@@ -40,6 +40,17 @@ const SHARED: [u32; 3] = [266, 133, 27];
 /// Neurons of each cluster of `clustered-tanh` where their number is not looked for.
 const QUICK_NEURONS: u32 = 5;
 
+/// Shares of the variance of each cluster of points that the clustered families keep.
+const SHARES: [f64; 3] = [0.6, 0.8, 0.95];
+
+/// How near a joint comes to the points that it matters to, in shares of the mesh's size.
+const NEAR: [f64; 2] = [0.1, 0.3];
+
+/// Ways to leave a part of the harmonics to the posed mesh: the points' own frames, and the unshadowed
+/// signal, which in those is constant as it is and of visibility everywhere.
+const LOOKING: [(FrameName, bool, &str); 2] =
+    [(FrameName::Tangent, false, ", tangent frame"), (FrameName::Bone, true, ", shadows alone")];
+
 /// Spheres of `occluder`.
 const SPHERES: [u32; 3] = [40, 100, 200];
 
@@ -58,15 +69,24 @@ pub fn candidates(base: &Recipe, points: usize, range: Range) -> Vec<CandidateRe
         };
         list.pose_only(frame, suffix, points, range);
     }
+    list.near_joints();
+    let ways = match base.bake.signal {
+        SignalName::Ao => 0,
+        SignalName::Visibility => 1,
+        SignalName::Transfer => 2,
+    };
+    for (frame, unshadowed, suffix) in LOOKING.into_iter().take(ways) {
+        list.looking((frame, unshadowed), suffix);
+    }
     // Spheres are cut from the posed mesh, of which receivers that block nothing are no part.
     let has_receivers = base.bake.surroundings.receivers.is_some();
     for spheres in SPHERES.into_iter().filter(|_| !has_receivers) {
         for rest in [None, Some((4, 12)), Some((12, 40))] {
             let (inputs, outputs) = rest.unzip();
             let and = rest.map_or(String::new(), |(i, o)| format!(" and {i}, {o} of the rest"));
-            // Unions take long to fit: one size of them tells whether they pay.
+            // Unions take long to fit: two sizes of them tell whether they pay.
             let ways = [("", 0), (" in 256 directions", 256)];
-            let many = if spheres == DEFAULT_SPHERES { 2 } else { 1 };
+            let many = if spheres >= DEFAULT_SPHERES { 2 } else { 1 };
             for (how, directions) in ways.into_iter().take(many) {
                 list.add(format!("occluder {spheres}{how}{and}"), OnName::Novel, |fit| {
                     (fit.family, fit.spheres) = (FamilyName::Occluder, Some(spheres));
@@ -187,7 +207,7 @@ impl List<'_> {
             ("clustered-quadratic", FamilyName::ClusteredQuadratic),
             ("clustered-tanh", FamilyName::ClusteredTanh),
         ] {
-            for share in [0.6, 0.8, 0.95] {
+            for share in SHARES {
                 // Numbers of neurons are tried one by one, which takes a hundred times as long.
                 let neurons = (family == FamilyName::ClusteredTanh && range == Range::Quick)
                     .then_some(QUICK_NEURONS);
@@ -199,6 +219,39 @@ impl List<'_> {
                     fit.parametrisation = parametrisation;
                 });
             }
+        }
+    }
+
+    /// Linear models in which joints matter to near points alone.
+    fn near_joints(&mut self) {
+        for near in NEAR {
+            self.add(format!("linear, joints within {near}"), OnName::Novel, |fit| {
+                fit.family = FamilyName::Linear;
+                fit.parametrisation = Some(ParametrisationName::JointAngles);
+                fit.local = Some(near);
+            });
+        }
+    }
+
+    /// The families without point features where the posed mesh tells part of the signal.
+    fn looking(&mut self, (frame, unshadowed): (FrameName, bool), suffix: &str) {
+        let mut add = |name: String, edit: &dyn Fn(&mut FitRecipe)| {
+            self.add(format!("{name}{suffix}"), OnName::Novel, |fit| {
+                (fit.frame, fit.unshadowed) = (frame, unshadowed.then_some(true));
+                edit(fit);
+            });
+        };
+        add("mean".to_owned(), &|fit| fit.family = FamilyName::Mean);
+        for (inputs, outputs) in PCA {
+            add(format!("pca-linear {inputs}, {outputs}"), &|fit| {
+                (fit.inputs, fit.outputs) = (Some(inputs), Some(outputs));
+            });
+        }
+        for share in SHARES {
+            add(format!("clustered-linear {share}"), &|fit| {
+                fit.family = FamilyName::ClusteredLinear;
+                fit.retain_outputs = Some(share);
+            });
         }
     }
 
