@@ -8,7 +8,7 @@ use poselight::choose::Point;
 use poselight::dataset::Dataset;
 use poselight::measure::report::{Lines, Series, lines};
 use poselight::pipeline::recipe::{FitRecipe, OnName, Recipe, SignalName};
-use poselight::pipeline::{self, CandidateRecipe, Job, Tradeoff, Watch};
+use poselight::pipeline::{self, CandidateRecipe, Job, Progress, Tradeoff, Watch};
 
 pub(crate) type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
@@ -116,7 +116,14 @@ pub(crate) fn candidate(
 
 pub(crate) fn measured(dataset: &Dataset, candidates: &[CandidateRecipe]) -> Result<Tradeoff> {
     let cancelled = AtomicBool::new(false);
-    Ok(pipeline::tradeoff(dataset, candidates, &watch(&cancelled))?)
+    // Whoever waits for half an hour wants to see that it goes on.
+    let report = |progress: Progress| {
+        let name = usize::try_from(progress.done).ok().and_then(|done| candidates.get(done));
+        let next = name.map_or("done", |candidate| &candidate.name);
+        eprintln!("{:.0} s, {} of {}: {next}", progress.elapsed_s, progress.done, progress.total);
+    };
+    let watch = Watch { report: &report, cancelled: &cancelled };
+    Ok(pipeline::tradeoff(dataset, candidates, &watch)?)
 }
 
 /// The point of a candidate in a precision, where the data had its sizes.

@@ -1,5 +1,7 @@
 //! A layer of tanh neurons between reduced poses and reduced outputs (RPO09 eq. 12 and 13).
 
+use rayon::prelude::*;
+
 use crate::num::lbfgs::minimise;
 use crate::num::random::{Stream, hash};
 
@@ -33,6 +35,9 @@ pub(super) struct Data<'a> {
     pub(super) outputs: usize,
 }
 
+/// Inputs and outputs of some poses.
+type Rows = (Vec<f64>, Vec<f64>);
+
 /// A layer: Y ≈ C tanh(D·(x, 1)) + c0.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Neurons {
@@ -51,7 +56,12 @@ impl Data<'_> {
         self.x.len() / self.inputs.max(1)
     }
 
-    fn only(&self, keep: impl Fn(usize) -> bool) -> (Vec<f64>, Vec<f64>) {
+    /// Other poses of the same widths.
+    fn with<'r>(&self, (x, y): &'r Rows) -> Data<'r> {
+        Data { x, y, inputs: self.inputs, outputs: self.outputs }
+    }
+
+    fn only(&self, keep: impl Fn(usize) -> bool) -> Rows {
         let (mut x, mut y) = (Vec::new(), Vec::new());
         for pose in (0..self.poses()).filter(|&pose| keep(pose)) {
             x.extend_from_slice(&self.x[pose * self.inputs..][..self.inputs]);
@@ -76,26 +86,30 @@ pub(super) fn choose(
     if !regularised {
         return (largest, 0.0);
     }
-    let mut best = (f64::INFINITY, largest, ALPHAS[1] * energy);
-    for &count in neurons {
-        for alpha in ALPHAS.map(|alpha| alpha * energy / data.poses() as f64) {
-            let mut error = 0.0;
-            for left_out in 0..FOLDS {
-                let (x, y) = data.only(|pose| fold[pose] != left_out);
-                let (test_x, test_y) = data.only(|pose| fold[pose] == left_out);
-                if x.is_empty() || test_x.is_empty() {
-                    continue;
-                }
-                let kept = Data { x: &x, y: &y, ..data };
-                let layer = fit_fully(kept, count, alpha, tried);
-                error += layer.error(Data { x: &test_x, y: &test_y, ..data });
-            }
-            if error < best.0 {
-                best = (error, count, alpha);
-            }
+    let parts: Vec<_> = (0..FOLDS)
+        .map(|left_out| {
+            (data.only(|pose| fold[pose] != left_out), data.only(|pose| fold[pose] == left_out))
+        })
+        .filter(|(kept, tested)| !kept.0.is_empty() && !tested.0.is_empty())
+        .collect();
+    let error = |&(count, alpha): &(usize, f64)| -> f64 {
+        let of = |(kept, tested): &(Rows, Rows)| {
+            let layer = fit_fully(data.with(kept), count, alpha, tried);
+            layer.error(data.with(tested))
+        };
+        parts.iter().map(of).sum()
+    };
+    let alphas = ALPHAS.map(|alpha| alpha * energy / data.poses() as f64);
+    let tries: Vec<(usize, f64)> =
+        neurons.iter().flat_map(|&count| alphas.map(|alpha| (count, alpha))).collect();
+    let errors: Vec<f64> = tries.par_iter().map(error).collect();
+    let mut best = (f64::INFINITY, (largest, ALPHAS[1] * energy));
+    for (error, tried) in errors.into_iter().zip(tries) {
+        if error < best.0 {
+            best = (error, tried);
         }
     }
-    (best.1, best.2)
+    best.1
 }
 
 /// [`choose`]'s folds: whole clips go together; a single clip is cut into contiguous parts.
