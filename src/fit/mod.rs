@@ -14,6 +14,7 @@ mod design;
 mod error;
 mod folds;
 mod frame;
+mod freedom;
 mod geometry;
 mod greedy_split;
 mod k_means;

@@ -20,7 +20,9 @@ pub struct FitReport {
     pub training_rmse: f64,
     /// The same error of the mean alone: the spread of the data.
     pub spread_rms: f64,
-    /// Effective parameters per output, the intercept included: 1 + Σ s²/(s² + α²).
+    /// Effective parameters per output, the intercept included: 1 + Σ s²/(s² + α²). Of the clustered
+    /// families the mean over outputs, with what the choice of directions takes; with neurons an
+    /// estimate by the number of weights. What occluders take is not counted.
     pub degrees_of_freedom: f64,
     /// Pose dimensions used.
     pub inputs: usize,
