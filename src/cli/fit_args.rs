@@ -66,7 +66,7 @@ pub(crate) struct FitFlags {
     #[arg(long, value_name = "DISTANCE")]
     reach: Option<f32>,
     /// Put the rest mesh and its weights into a model that looks at the posed mesh, so that joint
-    /// rotations are enough to evaluate it.
+    /// rotations are enough to evaluate it. A choice by target counts its bytes.
     #[arg(long)]
     include_rest: bool,
     /// Neurons of each cluster of clustered-tanh [default: by cross-validation].
@@ -232,7 +232,6 @@ impl FitFlags {
             ("--published", self.published),
             ("--blend-exponent", self.blend_exponent.is_some()),
             ("--reach", self.reach.is_some()),
-            ("--include-rest", self.include_rest),
             ("--unshadowed", self.unshadowed.is_some()),
             ("--spheres", self.spheres.is_some()),
             ("--directions", self.directions.is_some()),

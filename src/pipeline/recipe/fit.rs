@@ -90,7 +90,8 @@ pub struct FitRecipe {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reach: Option<f32>,
     /// Whether a model that looks at the posed mesh carries the points at rest and what moves them,
-    /// so that joint rotations are enough to evaluate it, over HTTP for one.
+    /// so that joint rotations are enough to evaluate it, over HTTP for one. A choice by target takes
+    /// it into account: what it adds counts as bytes of each candidate that looks at the mesh.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub include_rest: bool,
     /// Names of pose parameters that the model does without; a choice by target finds its own.
