@@ -26,7 +26,8 @@ use crate::model::{Model, Precision};
 use crate::pose::Split;
 
 /// What to try; an empty list stands for what the data set has alone.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Efforts {
     /// Rays per point, each below the data set's.
     pub rays: Vec<u32>,
@@ -80,6 +81,19 @@ impl Efforts {
     }
 
     /// In order, without repeats, with what the data set itself has.
+    ///
+    /// # Errors
+    /// [`Error::Effort`]; a data set whose rays follow a target noise or come in rounds, where fewer are asked for.
+    pub fn within(&self, dataset: &Dataset) -> Result<Self, Error> {
+        let stored = super::recipe_of(dataset)?;
+        let efforts = self.complete(own(dataset, &stored))?;
+        if efforts.rays.len() > 1 {
+            has_stated_rays(&stored)?;
+        }
+        Ok(efforts)
+    }
+
+    /// In order, without repeats, with what the data set itself has.
     fn complete(&self, own: (u32, u32, u8)) -> Result<Self, Error> {
         let list = |asked: &[u32], own: u32, what: &'static str| {
             let mut all = asked.to_vec();
@@ -116,13 +130,9 @@ pub fn effort(
 ) -> Result<Effort, Error> {
     let layout = &dataset.header().layout;
     let stored = super::recipe_of(dataset)?;
-    let training = dataset.splits().iter().filter(|&&split| split == 0).count();
-    let order = if stored.bake.signal == SignalName::Ao { 1 } else { stored.bake.order };
-    let own = (rays_per_point(&stored.bake), training as u32, order);
-    let efforts = efforts.complete(own)?;
-    if efforts.rays.len() > 1 {
-        has_stated_rays(&stored)?;
-    }
+    let own = own(dataset, &stored);
+    let order = own.2;
+    let efforts = efforts.within(dataset)?;
     let kept = kept(dataset, &stored, &efforts.poses)?;
     let mut this = Effort {
         scene: stored.scene.file.clone(),
@@ -158,6 +168,13 @@ pub fn effort(
     }
     this.find_front();
     Ok(this)
+}
+
+/// Rays per point, training poses and bands of a data set.
+fn own(dataset: &Dataset, stored: &Recipe) -> (u32, u32, u8) {
+    let training = dataset.splits().iter().filter(|&&split| split == 0).count();
+    let order = if stored.bake.signal == SignalName::Ao { 1 } else { stored.bake.order };
+    (rays_per_point(&stored.bake), training as u32, order)
 }
 
 /// Fewer rays than a target noise asks for, or than rounds add up to, are no bake of the recipe.
