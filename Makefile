@@ -36,6 +36,9 @@ serve: $(BUILT)
 # is made from the bundled one.
 CHARACTERS ?= $(DEMO)
 ASSET_FLAGS ?= --rays 64
+# The scene whose clips are left out in turn, and with what.
+SCENE ?= $(DEMO)/figure.glb
+GENERALISE_FLAGS ?= --fps 4 --rays 64 --reference-rays 256 --family linear,pca-linear,occluder
 # OBJ files that other tracers, as far as they are installed, are compared on.
 MESHES ?=
 bench: setup
@@ -49,10 +52,13 @@ bench: setup
 	$(CARGO) bench --locked --bench stability
 	$(CARGO) run --release --locked -- sample figure -o $(DEMO)/figure.glb
 	$(CARGO) bench --locked --bench choice -- $(DEMO)/figure.glb
+	$(CARGO) bench --locked --bench generalise -- $(SCENE) $(GENERALISE_FLAGS)
 	$(CARGO) bench --locked --bench poses
 	$(CARGO) bench --locked --bench papers
 	$(CARGO) bench --locked --bench assets -- $(CHARACTERS) $(ASSET_FLAGS)
 	python3 benches/large.py $(BIN)
+	python3 benches/instances.py $(BIN)
+	@benches/peers/validate $(BIN) $(DEMO)/figure.glb walk
 	@for mesh in $(MESHES); do python3 benches/peers/occlusion.py $$mesh $(BIN); done
 
 # POSELIGHT_ASSETS names a folder of scenes; without it the day is the bundled character's.

@@ -5,8 +5,12 @@
 
 #[path = "../tests/stability/fixture.rs"]
 mod fixture;
+#[path = "../tests/stability/occluders.rs"]
+mod occluders;
 #[path = "../tests/stability/oracle.rs"]
 mod oracle;
+#[path = "../tests/stability/proxies.rs"]
+mod proxies;
 #[path = "../tests/stability/stored.rs"]
 mod stored;
 #[path = "../tests/stability/suite.rs"]

@@ -274,6 +274,7 @@ fn foreign_and_damaged_data_sets_are_refused() {
     }
     for (flags, evidence) in [
         (&["--max-bytes", "1", "--inputs", "4"][..], "--inputs changes nothing"),
+        (&["--max-bytes", "1", "--family", "linear", "--include-rest"], "fit.include_rest"),
         (&["--reference-poses", "4"], "poselight measure"),
         (&["--family", "linear", "--spheres", "4"], "fit.spheres"),
     ] {

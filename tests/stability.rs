@@ -3,8 +3,12 @@
 
 #[path = "stability/fixture.rs"]
 mod fixture;
+#[path = "stability/occluders.rs"]
+mod occluders;
 #[path = "stability/oracle.rs"]
 mod oracle;
+#[path = "stability/proxies.rs"]
+mod proxies;
 #[path = "stability/stored.rs"]
 mod stored;
 #[path = "stability/suite.rs"]

@@ -180,7 +180,7 @@ class Client:
         return self._json("POST", "/v1/jobs?dry_run=true", request)
 
     def start(self, kind: str, recipe: Json, key: Optional[str] = None, **fields: Any) -> Any:
-        """Submits a job of any kind: `fit` and `tradeoff` on a `dataset`, `measure` on a `model`."""
+        """Submits a job of any kind: `fit`, `tradeoff` and `effort` on a `dataset`, `measure` on a `model`."""
         request = {"kind": kind, "recipe": recipe, **fields}
         return self._json("POST", "/v1/jobs", request, {"Idempotency-Key": key or uuid.uuid4().hex})
 

@@ -39,7 +39,8 @@ pub enum Choice {
 /// Where a model's mean square error comes from; they need not sum to its whole.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Shares {
-    /// What the noise of the training data leaves in the model.
+    /// What the noise of the training data leaves in the model: its variance times the parameters that
+    /// the fit takes from them, over the training poses. For neurons their number is an estimate.
     pub noise: f64,
     /// What the model could not say of the poses that it saw.
     pub bias: f64,

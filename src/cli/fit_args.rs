@@ -57,8 +57,11 @@ pub(crate) struct FitFlags {
     /// the sum of spheres: quicker, less accurate [default: 0 for ao, else 256].
     #[arg(long, value_name = "N")]
     directions: Option<u32>,
-    /// For linear: hold the weights of joints to 0 that are farther than this from what they would matter
-    /// to, as a share of the mesh's size [default: let every joint matter everywhere].
+    /// For linear: draw the weights of far joints towards 0. The points of each bone are fitted to
+    /// parameters scaled by exp(-d / (SHARE x size)): d is the least distance, over the training poses,
+    /// between the bone's points and what the parameter's joint moves against them; size is the diagonal
+    /// of the mesh at rest, so the share has no unit. Above 0 to 100: 0.1 leaves a joint at a tenth of the
+    /// size 37 % of its reach, 100 leaves all of them nearly whole [default: all whole].
     #[arg(long, value_name = "SHARE")]
     local: Option<f64>,
     /// Draw poses that are farther than this from the training poses, in typical distances of
@@ -66,7 +69,7 @@ pub(crate) struct FitFlags {
     #[arg(long, value_name = "DISTANCE")]
     reach: Option<f32>,
     /// Put the rest mesh and its weights into a model that looks at the posed mesh, so that joint
-    /// rotations are enough to evaluate it.
+    /// rotations are enough to evaluate it. A choice by target counts its bytes.
     #[arg(long)]
     include_rest: bool,
     /// Neurons of each cluster of clustered-tanh [default: by cross-validation].
@@ -75,10 +78,12 @@ pub(crate) struct FitFlags {
     /// The frame in which coefficients are modelled [default: bone].
     #[arg(long, value_enum)]
     frame: Option<FrameArg>,
-    /// How the regularisation is chosen [default: leave-one-clip-out].
+    /// How the regularisation is chosen; the weights of occluder are chosen by clips left out in both
+    /// ways that choose [default: leave-one-clip-out].
     #[arg(long, value_enum)]
     ridge: Option<RidgeArg>,
-    /// The regularisation, with --ridge fixed.
+    /// The regularisation, with --ridge fixed, in the units of the parameters' singular values; of
+    /// occluder's weights, what holds them to those of their bone, as a share of a group's mean energy.
     #[arg(long, value_name = "ALPHA")]
     alpha: Option<f64>,
     /// Motion that the model is for; `trained` compresses and does not regularise [default: novel].
@@ -232,7 +237,6 @@ impl FitFlags {
             ("--published", self.published),
             ("--blend-exponent", self.blend_exponent.is_some()),
             ("--reach", self.reach.is_some()),
-            ("--include-rest", self.include_rest),
             ("--unshadowed", self.unshadowed.is_some()),
             ("--spheres", self.spheres.is_some()),
             ("--directions", self.directions.is_some()),

@@ -6,6 +6,7 @@ use std::borrow::Cow;
 use rayon::prelude::*;
 
 use super::design::Design;
+use super::freedom::Freedom;
 use super::mean_shift;
 use super::moments::Scratch;
 use super::neurons::{self, Data};
@@ -52,6 +53,7 @@ struct Mapped {
     cluster: Cluster,
     energy: f64,
     alpha: f64,
+    freedom: Freedom,
 }
 
 pub(super) fn fit(
@@ -142,14 +144,14 @@ fn map(
     let outputs = part.scores.ncols();
     let mut cluster = Cluster { outputs, basis: part.basis(), ..Cluster::default() };
     if outputs == 0 {
-        return Ok(Mapped { cluster, energy: 0.0, alpha: 0.0 });
+        return Ok(Mapped { cluster, energy: 0.0, alpha: 0.0, freedom: Freedom::default() });
     }
-    let (energy, alpha) = if sizes.form == Form::Tanh {
+    let (energy, alpha, freedom) = if sizes.form == Form::Tanh {
         layer(&mut cluster, part, reduced, clips, sizes, settings)
     } else {
         ridge(&mut cluster, part, reduced, clips, sizes.form, settings)?
     };
-    Ok(Mapped { cluster, energy, alpha })
+    Ok(Mapped { cluster, energy, alpha, freedom })
 }
 
 /// Weights of linear or quadratic features.
@@ -160,7 +162,7 @@ fn ridge(
     clips: &[i32],
     form: Form,
     settings: &Settings,
-) -> Result<(f64, f64), Error> {
+) -> Result<(f64, f64, Freedom), Error> {
     let (poses, outputs) = (reduced.nrows(), cluster.outputs);
     let rows: Vec<Vec<f32>> = (0..poses)
         .map(|i| {
@@ -207,7 +209,15 @@ fn ridge(
         cluster.weights.push(bias as f32);
     }
     let left = choice.filter.left(&design.s);
-    Ok((moments.training_energy(&design, &left), choice.filter.alpha))
+    let share = |k: usize| -> f64 {
+        let along = left.iter().enumerate().map(|(j, w)| (1.0 - w) * c[(j, k)].powi(2));
+        along.sum::<f64>() / part.squares()[k]
+    };
+    let freedom = Freedom {
+        of_features: choice.filter.degrees_of_freedom(&design.s) - 1.0,
+        held: (0..outputs).map(share).sum(),
+    };
+    Ok((moments.training_energy(&design, &left), choice.filter.alpha, freedom))
 }
 
 /// Weights of tanh neurons. Inputs and outputs are brought to the size of 1 first, each with one
@@ -219,7 +229,7 @@ fn layer(
     clips: &[i32],
     sizes: &ClusteredSizes,
     settings: &Settings,
-) -> (f64, f64) {
+) -> (f64, f64, Freedom) {
     let (poses, inputs, outputs) = (reduced.nrows(), reduced.ncols(), cluster.outputs);
     let flat = |m: MatRef<'_, f64>, scale: f64| -> Vec<f64> {
         m.row_iter().flat_map(|row| row.iter().map(|x| x / scale).collect::<Vec<_>>()).collect()
@@ -243,7 +253,10 @@ fn layer(
         cluster.hidden.push(row[inputs] as f32);
     }
     cluster.weights = layer.weights.iter().map(|c| (c * y_scale) as f32).collect();
-    (layer.energy * y_scale * y_scale, layer.alpha)
+    let weights = layer.hidden.len() + layer.weights.len() - outputs;
+    let energy = layer.energy * y_scale * y_scale;
+    let held = 1.0 - energy / part.kept;
+    (energy, layer.alpha, Freedom::of_neurons(weights, held, (poses, outputs)))
 }
 
 fn report(
@@ -271,7 +284,11 @@ fn report(
     if maps.iter().any(|map| !map.cluster.hidden.is_empty()) {
         notices.push(format!("neurons of the clusters: {}", neurons.join(", ")));
     }
+    let of_cluster =
+        |(part, map): (&Part, &Mapped)| map.freedom.parameters(part.outputs(), map.cluster.outputs);
+    let parameters: f64 = parts.iter().zip(maps).map(of_cluster).sum();
     FitReport {
+        degrees_of_freedom: parameters / (source.points() * source.width()) as f64,
         alpha: maps.iter().map(|map| map.alpha).reduce(f64::max),
         training_rmse: (energy.max(0.0) / numbers).sqrt(),
         spread_rms: (spread / numbers).sqrt(),

@@ -14,6 +14,7 @@ mod design;
 mod error;
 mod folds;
 mod frame;
+mod freedom;
 mod geometry;
 mod greedy_split;
 mod k_means;
@@ -90,7 +91,8 @@ pub enum Ridge {
     /// Least error on clips left out one at a time, since neighbouring frames are nearly copies;
     /// with a single clip, on its contiguous quarters.
     LeaveOneClipOut,
-    /// This α, in the units of the parameters' singular values, at least 0.
+    /// This α, in the units of the parameters' singular values, at least 0. For the weights of occluders the
+    /// same number is [`OccluderReport::penalty`].
     Fixed(f64),
 }
 
@@ -99,7 +101,8 @@ pub enum Ridge {
 pub enum On {
     /// Poses that are not in the training set: α as [`Ridge`] says.
     Novel,
-    /// The training poses themselves: compression, no regularisation.
+    /// The training poses themselves: compression, no regularisation. The weights of occluders, whose features
+    /// are seldom independent, keep the least penalty that is tried for others.
     Trained,
 }
 
@@ -110,7 +113,8 @@ pub struct Settings {
     pub family: Family,
     /// The frame in which coefficients are modelled; each point's bone by default.
     pub frame: Frame,
-    /// How α is chosen; by clips left out, by default.
+    /// How α is chosen; by clips left out, by default, and for the weights of occluders in any case but
+    /// [`Ridge::Fixed`].
     pub ridge: Ridge,
     /// What the model is for; novel motion by default.
     pub on: On,
@@ -125,8 +129,8 @@ pub struct Settings {
     /// Directions in which the union of what are then ellipsoids is looked at, a multiple of 16; 0,
     /// the default, for the sum of what spheres block.
     pub directions: usize,
-    /// For [`Family::Linear`], how far a joint may be from what it matters to, as a share of the mesh's size: a
-    /// prior that falls by e over it; none by default. Needs the posed mesh.
+    /// For [`Family::Linear`], the distance over which the prior deviation of a joint's weights falls by e, as
+    /// a share of the diagonal of the mesh at rest; none by default. Needs the posed mesh.
     pub local: Option<f64>,
     /// Seed of the randomised decomposition, 1 by default.
     pub seed: u64,

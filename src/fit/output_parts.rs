@@ -46,6 +46,11 @@ impl Part {
         out
     }
 
+    /// Points times coefficients.
+    pub(super) fn outputs(&self) -> usize {
+        self.mean.len()
+    }
+
     /// s² of the directions that are kept.
     pub(super) fn squares(&self) -> &[f64] {
         &self.values[..self.scores.ncols()]

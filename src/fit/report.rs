@@ -20,7 +20,9 @@ pub struct FitReport {
     pub training_rmse: f64,
     /// The same error of the mean alone: the spread of the data.
     pub spread_rms: f64,
-    /// Effective parameters per output, the intercept included: 1 + Σ s²/(s² + α²).
+    /// Effective parameters per output, the intercept included: 1 + Σ s²/(s² + α²). Of the clustered
+    /// families the mean over outputs, with what the choice of directions takes; with neurons an
+    /// estimate by the number of weights. What occluders take is not counted.
     pub degrees_of_freedom: f64,
     /// Pose dimensions used.
     pub inputs: usize,
@@ -57,7 +59,9 @@ pub struct OccluderReport {
     pub spheres: usize,
     /// Groups of them that a point tells apart.
     pub groups: usize,
-    /// What holds a point's weights to those of its bone, as a share of its features' mean energy.
+    /// What holds a point's weights to those of its bone, λ: Σ (y − wψ)² + λ E Σ (w − w_bone)², over poses and
+    /// coefficients about their means, E the mean over all points and groups of Σ ψ². Beside λ E stands the
+    /// noise of an output.
     pub penalty: f64,
     /// The error on left-out clips, where any can be left out.
     pub left_out_rmse: Option<f64>,

@@ -74,6 +74,11 @@ impl Model {
         }
         let surface = input.surface.ok_or(Error::NeedsSurface { what: "this model" })?;
         self.check_surface(surface)?;
+        let near = about_origin(surface.positions);
+        let surface = match &near {
+            Some(positions) => Surface { positions, ..surface },
+            None => surface,
+        };
         let kind = (self.header.signal, self.header.sh_order());
         let turns = input.bone_rotations;
         if self.occluding.is_some() {
@@ -127,6 +132,19 @@ impl Model {
         }
         Ok(())
     }
+}
+
+/// A mesh that is farther from the origin than this many times its size is looked at about one of its points:
+/// what blocks depends on differences of places alone, and places so far off round by a part of a limb.
+const FAR: f32 = 64.0;
+
+/// The positions less one of them, where they are far from the origin; `None` where they are not.
+fn about_origin(positions: &[Vec3]) -> Option<Vec<Vec3>> {
+    let first = *positions.first()?;
+    let (low, high) =
+        positions.iter().fold((first, first), |(low, high), &p| (low.min(p), high.max(p)));
+    let is_far = first.abs().max_element() > FAR * (high - low).max_element();
+    is_far.then(|| positions.iter().map(|&p| p - first).collect())
 }
 
 /// The signal where nothing occludes, n² numbers (1 for `ao`): the clamped cosine about the normal

@@ -31,7 +31,9 @@ pub struct RestSizes {
 }
 
 impl RestSizes {
-    pub(super) fn of(mesh: &Mesh) -> Self {
+    /// Of a mesh.
+    #[must_use]
+    pub fn of(mesh: &Mesh) -> Self {
         Self {
             deformers: mesh.deformers.len() as u32,
             influences: mesh.influences.len() as u32,

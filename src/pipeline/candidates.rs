@@ -1,5 +1,6 @@
 //! The models that a trade-off is measured over: every family at several sizes.
 
+use super::effect::looks_at_mesh;
 use super::recipe::{
     ChooseName, DEFAULT_SPHERES, FamilyName, FitRecipe, FrameName, OnName, ParametrisationName,
     Recipe, RidgeName, SignalName,
@@ -146,6 +147,8 @@ impl List<'_> {
         recipe.target.on = on;
         recipe.target.choose = ChooseName::Nothing;
         edit(&mut recipe.fit);
+        // Whoever asks for it wants a model that joint rotations evaluate; the others are such models anyway.
+        recipe.fit.include_rest = self.base.fit.include_rest && looks_at_mesh(&recipe.fit);
         self.all.push(CandidateRecipe { name, recipe, poses: None });
     }
 
@@ -305,5 +308,20 @@ mod tests {
             let tanh = |c: &CandidateRecipe| c.recipe.fit.family == FamilyName::ClusteredTanh;
             assert!(quick.iter().all(|c| full.contains(c) || tanh(c)));
         }
+    }
+
+    /// Asked for, the mesh at rest goes with every candidate that looks at the mesh, and with no other.
+    #[test]
+    fn the_rest_mesh_goes_with_those_that_look_at_it() {
+        let mut base = Recipe::default();
+        let rests = |base: &Recipe| -> Vec<FamilyName> {
+            let all = candidates(base, 1000, Range::Full).into_iter();
+            all.filter(|c| c.recipe.fit.include_rest).map(|c| c.recipe.fit.family).collect()
+        };
+        assert_eq!(rests(&base), []);
+        base.fit.include_rest = true;
+        let found = rests(&base);
+        assert!(found.len() >= SPHERES.len(), "{found:?}");
+        assert!(found.iter().all(|&family| family == FamilyName::Occluder), "{found:?}");
     }
 }

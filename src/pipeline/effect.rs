@@ -18,7 +18,10 @@ use super::recipe::{
 /// The first field that changes nothing, with the reason.
 pub fn effective(recipe: &Recipe) -> Result<(), RecipeError> {
     bake(&recipe.bake)?;
-    effective_fit(&recipe.fit, recipe.target.on)?;
+    let mut fit = recipe.fit.clone();
+    // Of a choice among all families it asks those that look at the mesh.
+    fit.include_rest &= recipe.target.choose != ChooseName::Any;
+    effective_fit(&fit, recipe.target.on)?;
     no_choice(&recipe.target)
 }
 
@@ -35,14 +38,18 @@ pub fn effective_fit(fit: &FitRecipe, on: OnName) -> Result<(), RecipeError> {
         }
     }
     shares(fit)?;
-    let looks = fit.unshadowed.unwrap_or(fit.family == Occluder) || fit.frame == FrameName::Tangent;
-    if fit.include_rest && !looks {
+    if fit.include_rest && !looks_at_mesh(fit) {
         let (field, found) = ("fit.include_rest", "true".to_owned());
         let expected = "only a model of the family occluder, an unshadowed one, or one in the tangent frame \
              looks at the mesh";
         return Err(RecipeError { field, found, expected });
     }
     regularisation(fit, on)
+}
+
+/// Whether evaluating the model takes the posed mesh.
+pub(super) fn looks_at_mesh(fit: &FitRecipe) -> bool {
+    fit.unshadowed.unwrap_or(fit.family == Occluder) || fit.frame == FrameName::Tangent
 }
 
 /// Puts every size and option that the recipe's family does not have back to its default: whoever
@@ -228,6 +235,15 @@ mod tests {
         let turned = |f: &mut FitRecipe| (f.include_rest, f.frame) = (true, FrameName::Tangent);
         assert_eq!(family(Linear, turned), None);
         assert_eq!((family(Occluder, rest), family(Linear, rest)), {
+            (None, Some("fit.include_rest"))
+        });
+        let chosen = |choose| {
+            fault(&move |r: &mut Recipe| {
+                (r.target.choose, r.target.max_bytes) = (choose, Some(1));
+                r.fit.include_rest = true;
+            })
+        };
+        assert_eq!((chosen(ChooseName::Any), chosen(ChooseName::Sizes)), {
             (None, Some("fit.include_rest"))
         });
         assert_eq!(fault(&|r| r.target.max_bytes = Some(1)), Some("target.max_bytes"));

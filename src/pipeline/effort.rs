@@ -26,7 +26,8 @@ use crate::model::{Model, Precision};
 use crate::pose::Split;
 
 /// What to try; an empty list stands for what the data set has alone.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Efforts {
     /// Rays per point, each below the data set's.
     pub rays: Vec<u32>,
@@ -80,6 +81,19 @@ impl Efforts {
     }
 
     /// In order, without repeats, with what the data set itself has.
+    ///
+    /// # Errors
+    /// [`Error::Effort`]; a data set whose rays follow a target noise or come in rounds, where fewer are asked for.
+    pub fn within(&self, dataset: &Dataset) -> Result<Self, Error> {
+        let stored = super::recipe_of(dataset)?;
+        let efforts = self.complete(own(dataset, &stored))?;
+        if efforts.rays.len() > 1 {
+            has_stated_rays(&stored)?;
+        }
+        Ok(efforts)
+    }
+
+    /// In order, without repeats, with what the data set itself has.
     fn complete(&self, own: (u32, u32, u8)) -> Result<Self, Error> {
         let list = |asked: &[u32], own: u32, what: &'static str| {
             let mut all = asked.to_vec();
@@ -101,27 +115,24 @@ impl Efforts {
 }
 
 /// Fits the recipe's model to less than the data set has, and measures it on the data set's references,
-/// which must be there. Bakes of fewer rays are made in the folder `scratch` and deleted again.
+/// which must be there. Bakes of fewer rays are made in temporary folders below `beside`, which is made where it
+/// is not there; each is deleted when it has been measured, and nothing else is.
 ///
 /// # Errors
-/// [`Error::Effort`], [`Error::Stopped`]; a data set whose rays follow a target noise or come in rounds, where
-/// fewer are asked for; what the stages object to.
+/// [`Error::Effort`], [`Error::Stopped`], [`Error::File`]; a data set whose rays follow a target noise or come in
+/// rounds, where fewer are asked for; what the stages object to.
 pub fn effort(
     dataset: &Dataset,
     recipe: &Recipe,
     efforts: &Efforts,
-    scratch: &Path,
+    beside: &Path,
     watch: &Watch,
 ) -> Result<Effort, Error> {
     let layout = &dataset.header().layout;
     let stored = super::recipe_of(dataset)?;
-    let training = dataset.splits().iter().filter(|&&split| split == 0).count();
-    let order = if stored.bake.signal == SignalName::Ao { 1 } else { stored.bake.order };
-    let own = (rays_per_point(&stored.bake), training as u32, order);
-    let efforts = efforts.complete(own)?;
-    if efforts.rays.len() > 1 {
-        has_stated_rays(&stored)?;
-    }
+    let own = own(dataset, &stored);
+    let order = own.2;
+    let efforts = efforts.within(dataset)?;
     let kept = kept(dataset, &stored, &efforts.poses)?;
     let mut this = Effort {
         scene: stored.scene.file.clone(),
@@ -133,9 +144,9 @@ pub fn effort(
     };
     let start = Instant::now();
     for &rays in &efforts.rays {
-        let fewer = (rays < own.0).then(|| baked(dataset, &stored, rays, scratch, watch));
+        let fewer = (rays < own.0).then(|| baked(dataset, &stored, rays, beside, watch));
         let fewer = fewer.transpose()?;
-        let trained = Imported::new(fewer.as_ref().unwrap_or(dataset));
+        let trained = Imported::new(fewer.as_ref().map_or(dataset, |fewer| &fewer.dataset));
         for (count, keep) in &kept {
             for &bands in &efforts.orders {
                 let mut recipe = recipe.clone();
@@ -155,10 +166,15 @@ pub fn effort(
             }
         }
     }
-    // What was baked for the sake of this alone.
-    let _ = std::fs::remove_dir_all(scratch);
     this.find_front();
     Ok(this)
+}
+
+/// Rays per point, training poses and bands of a data set.
+fn own(dataset: &Dataset, stored: &Recipe) -> (u32, u32, u8) {
+    let training = dataset.splits().iter().filter(|&&split| split == 0).count();
+    let order = if stored.bake.signal == SignalName::Ao { 1 } else { stored.bake.order };
+    (rays_per_point(&stored.bake), training as u32, order)
 }
 
 /// Fewer rays than a target noise asks for, or than rounds add up to, are no bake of the recipe.
@@ -201,20 +217,37 @@ fn kept(
     counts.iter().map(of).collect()
 }
 
+/// A data set that goes with the folder it is in.
+struct Passing {
+    dataset: Dataset,
+    /// Deletes itself, after an error too.
+    _folder: tempfile::TempDir,
+}
+
 /// The data set with fewer rays.
 fn baked(
     dataset: &Dataset,
     stored: &Recipe,
     rays: u32,
-    scratch: &Path,
+    beside: &Path,
     watch: &Watch,
-) -> Result<Dataset, Error> {
+) -> Result<Passing, Error> {
     let mut recipe = stored.clone();
     recipe.bake.rays = rays;
-    let path = scratch.join(format!("{rays}.zarr"));
-    let _ = std::fs::remove_dir_all(&path);
-    bake(&job_for(dataset, recipe)?, &path, watch)?;
-    Ok(Dataset::open(&path)?)
+    let folder = std::fs::create_dir_all(beside)
+        .and_then(|()| tempfile::Builder::new().prefix(".fewer-rays-").tempdir_in(beside))
+        // Said of the folder that was named, not of the temporary one.
+        .map_err(|error| std::io::Error::from(error.kind()))
+        .map_err(|source| Error::File { action: "write", path: beside.to_owned(), source })?;
+    let path = folder.path().join("fewer.zarr");
+    bake(&job_for(dataset, recipe)?, &path, watch).map_err(|error| match error {
+        // Nothing of it stays to be continued.
+        Error::Bake(crate::bake::Error::Cancelled) | Error::Cancelled { .. } => {
+            Error::Stopped { when: format!("during the bake of {rays} rays") }
+        }
+        other => other,
+    })?;
+    Ok(Passing { dataset: Dataset::open(&path)?, _folder: folder })
 }
 
 impl Effort {
@@ -299,8 +332,11 @@ impl Effort {
     pub fn table(&self) -> String {
         let mut text = format!(
             "{}: what a bake's effort buys; * is on the front of rays and {} error; reference noise {:.5}\n  \
-             rays a point   poses  order  million rays      bytes     fit s   RMSE of a coefficient (ao error)",
-            self.scene, self.split, self.reference_noise_rms
+             rays a point   poses  order  million rays      bytes     fit s   {}",
+            self.scene,
+            self.split,
+            self.reference_noise_rms,
+            super::tradeoff_page::ERRORS
         );
         for (i, point) in self.points.iter().enumerate() {
             let mark = if self.front.contains(&i) { '*' } else { ' ' };
@@ -314,7 +350,7 @@ impl Effort {
                 point.fit_s
             );
             for (split, error) in &point.errors {
-                text += &format!("   {split} {:.5} ({:.4})", error.rms, error.ao_mae);
+                text += &format!("   {split} {}", super::tradeoff_page::told(error).trim_start());
             }
         }
         text

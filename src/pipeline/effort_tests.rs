@@ -30,17 +30,28 @@ fn baked(folder: &Path) -> Dataset {
 
 /// Every effort is a point of its own with the rays that it takes; the whole one has the error that the
 /// trade-off measures for the same model, and leaving bands out costs error; nothing of the bakes of fewer
-/// rays is left behind.
+/// rays is left behind, and nothing else goes.
 #[test]
 fn efforts_are_measured() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = baked(folder.path());
     let recipe = crate::pipeline::recipe_of(&dataset).unwrap();
     let stop = AtomicBool::new(false);
-    let scratch = folder.path().join("scratch");
+    // A folder of somebody else's, under the name that the bakes of fewer rays once had.
+    let beside = folder.path().join("out");
+    let own = beside.join("fewer-rays/4.zarr/kept.txt");
+    std::fs::create_dir_all(own.parent().unwrap()).unwrap();
+    std::fs::write(&own, b"mine").unwrap();
     let efforts = Efforts { rays: vec![4, 4], poses: vec![3], orders: vec![1] };
-    let found = effort(&dataset, &recipe, &efforts, &scratch, &quiet(&stop)).unwrap();
-    assert!(!scratch.exists() && found.points.len() == 8);
+    let found = effort(&dataset, &recipe, &efforts, &beside, &quiet(&stop)).unwrap();
+    assert!(found.points.len() == 8 && std::fs::read(&own).unwrap() == b"mine");
+    let left: Vec<_> =
+        std::fs::read_dir(&beside).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert_eq!(left, ["fewer-rays"]);
+    let ended = AtomicBool::new(true);
+    let stopped = effort(&dataset, &recipe, &efforts, &beside, &quiet(&ended)).unwrap_err();
+    assert!(matches!(stopped, Error::Stopped { .. }), "{stopped}");
+    assert_eq!(std::fs::read_dir(&beside).unwrap().count(), 1, "a stopped bake stayed");
     let of = |rays, few, order| {
         let is_few = |poses| (poses == 3) == few;
         let mut points = found.points.iter();

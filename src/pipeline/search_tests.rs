@@ -81,6 +81,35 @@ fn a_search_ends_with_the_simplest_or_the_best() {
     assert!(noise + bias + coverage > 0.0 && strict.search_s > 0.0);
 }
 
+/// Proves that the mesh at rest counts where it is asked for: a candidate that looks at the mesh is estimated with
+/// the bytes that the model of choice then has more for it, and one that does not is as small as ever.
+#[test]
+fn the_rest_mesh_counts_in_a_choice() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = dataset(folder.path());
+    let mut base = crate::pipeline::recipe_of(&dataset).unwrap();
+    let mut tried = |include_rest| -> (Vec<u64>, Searched) {
+        base.fit.include_rest = include_rest;
+        let mut some = candidates(&base, dataset.header().layout.points, Range::Quick);
+        some.retain(|candidate| ["mean", "occluder 40"].contains(&candidate.name.as_str()));
+        let bench = Workbench::new(&dataset, &some).unwrap();
+        let without = bench.without(&[0]);
+        let bytes = some.iter().map(|c| without.try_out(c).unwrap().points[0].bytes).collect();
+        let cancelled = AtomicBool::new(false);
+        let watch = Watch { report: &|_| {}, cancelled: &cancelled };
+        let target = Target { max_bytes: Some(1 << 30), ..Target::default() };
+        (bytes, search(&dataset, &some[1..], &target, &watch).unwrap())
+    };
+    let ((plain, without), (carrying, with)) = (tried(false), tried(true));
+    let rest = with.fitted.model.sizes(with.precision).rest;
+    assert!(rest > 0 && without.fitted.model.rest().is_none());
+    // The recipe in the header says so, too.
+    let added = carrying[1] - plain[1];
+    assert!(carrying[0] == plain[0] && (rest..rest + 100).contains(&added), "{added} of {rest}");
+    let more = with.points[with.chosen].bytes - without.points[without.chosen].bytes;
+    assert!((rest..rest + 2000).contains(&more), "{more} of {rest}");
+}
+
 /// Where error alone counts, candidates that are behind on the clips so far are dropped, the fewer clips the
 /// farther behind; what costs too much is no rival, and a target error needs them all.
 #[test]

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::effort::Effort;
 use super::tradeoff::Tradeoff;
-use crate::choose::Point;
+use crate::choose::{Point, SplitError};
 
 impl Tradeoff {
     /// Every point in a line of its own, those of the front marked.
@@ -21,6 +21,16 @@ impl Tradeoff {
     }
 }
 
+/// What [`told`] tells.
+pub(super) const ERRORS: &str = "RMSE of a coefficient (ao error, flicker of a coefficient)";
+
+/// The errors of a split, 28 letters: RMSE, mean absolute error of ambient occlusion, RMS change of the
+/// error from frame to frame where there are such.
+pub(super) fn told(error: &SplitError) -> String {
+    let flicker = error.flicker_rms.map_or_else(|| "–".to_owned(), |rms| format!("{rms:.4}"));
+    format!("{:>11.5} ({:.4}, {flicker:>6})", error.rms, error.ao_mae)
+}
+
 fn kilobytes(count: u64) -> String {
     format!("{:.1} kB", count as f64 / 1e3)
 }
@@ -28,7 +38,7 @@ fn kilobytes(count: u64) -> String {
 /// Every point, those of the front marked.
 fn table(tradeoff: &Tradeoff) -> String {
     let mut text = format!(
-        "{}: {} points; * is on the front of bytes and {} error; reference noise {:.5}\n  {:<44} {:>10} {:>8} {:>9} {:>8}   RMSE of a coefficient (ao error)",
+        "{}: {} points; * is on the front of bytes and {} error; reference noise {:.5}\n  {:<44} {:>10} {:>8} {:>9} {:>8}   {ERRORS}",
         tradeoff.scene,
         tradeoff.points.len(),
         tradeoff.split,
@@ -40,7 +50,7 @@ fn table(tradeoff: &Tradeoff) -> String {
         "fit s",
     );
     for split in splits(tradeoff) {
-        let _ = write!(text, "  {split:>20}");
+        let _ = write!(text, "  {split:>28}");
     }
     for point in &tradeoff.points {
         let _ = write!(text, "\n{}", row(tradeoff, point));
@@ -67,7 +77,7 @@ fn row(tradeoff: &Tradeoff, point: &Point) -> String {
     );
     for split in splits(tradeoff) {
         let error = point.errors.get(split).copied().unwrap_or_default();
-        let _ = write!(text, "  {:>11.5} ({:.4})", error.rms, error.ao_mae);
+        let _ = write!(text, "  {}", told(&error));
     }
     text
 }
@@ -88,4 +98,39 @@ fn page(tradeoff: &Tradeoff, table: &str, effort: Option<&Effort>) -> String {
         escape(&tradeoff.scene),
         escape(table),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+
+    /// Each split has its three errors in the table and on the page, and columns stay in line where frames do not
+    /// follow one another, so that there is no flicker.
+    #[test]
+    fn flicker_is_told_where_there_is_any() {
+        let error = SplitError { rms: 0.25, ao_mae: 0.125, ..SplitError::default() };
+        let moving = SplitError { flicker_rms: Some(0.0625), ..error };
+        let point = |name: &str, error| Point {
+            name: name.to_owned(),
+            errors: [("novel".to_owned(), error)].into(),
+            ..Point::default()
+        };
+        let tradeoff = Tradeoff {
+            scene: "a.glb".into(),
+            bake: String::new(),
+            split: "novel".into(),
+            reference_noise_rms: 0.0,
+            points: vec![point("mean", error), point("linear", moving)],
+            front: Vec::new(),
+            skipped: BTreeMap::new(),
+        };
+        let table = tradeoff.table();
+        assert!(table.contains("0.25000 (0.1250,      –)"), "{table}");
+        assert!(table.contains("0.25000 (0.1250, 0.0625)"), "{table}");
+        let widths: Vec<usize> = table.lines().skip(2).map(|line| line.chars().count()).collect();
+        assert!(widths.len() == 2 && widths[0] == widths[1], "{table}");
+        assert!(table.contains("flicker") && tradeoff.page(None).contains("0.0625"));
+    }
 }

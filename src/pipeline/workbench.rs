@@ -7,6 +7,7 @@
 
 mod importance;
 mod sample;
+mod whole;
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -16,7 +17,7 @@ use super::fit::{Assembled, assemble, fit_sizes, geometry, order_kept, settings_
 use super::imported::Imported;
 use super::measure::evaluate_widened;
 use super::recipe::{FamilyName, FitRecipe, FrameName, OnName, ParametrisationName, Recipe};
-use super::tradeoff::{mesh_percent, point};
+use super::tradeoff::point;
 use super::{Error, FittedModel, Job, encoding};
 use crate::choose::Point;
 use crate::dataset::{Dataset, Movement, Training, TrainingParts};
@@ -69,6 +70,8 @@ pub(super) struct Workbench<'a> {
     largest: Largest,
     /// Points of the data set for each one here.
     ratio: f64,
+    /// What the whole mesh at rest adds to a model, where a candidate carries it.
+    rest_bytes: u64,
     /// Whether each fit makes all that it needs, so that its time is its own.
     is_timing: bool,
 }
@@ -119,6 +122,7 @@ impl<'a> Workbench<'a> {
             posed: None,
             largest: largest(candidates),
             ratio: layout.points as f64 / points.len() as f64,
+            rest_bytes: 0,
             is_timing: false,
         };
         for candidate in candidates {
@@ -133,7 +137,11 @@ impl<'a> Workbench<'a> {
             *family == FamilyName::Occluder || *unshadowed == Some(true) || local.is_some()
         };
         if turns || candidates.iter().any(looks) {
-            let job = thinned(super::job_of(dataset)?, &points);
+            let job = super::job_of(dataset)?;
+            if candidates.iter().any(|candidate| candidate.recipe.fit.include_rest) {
+                this.rest_bytes = whole::rest_bytes(&job);
+            }
+            let job = thinned(job, &points);
             let surfaces = this.poses.iter().map(|&pose| job.surface(pose, turns)).collect();
             this.posed = Some((job, surfaces));
         }
@@ -214,6 +222,8 @@ impl Bench<'_> {
         for &precision in Precision::ALL {
             let (mut point, model) = point(candidate, &fitted, precision, evaluate_us)?;
             self.enlarge(&mut point, &model, precision);
+            let carries = candidate.recipe.fit.include_rest && model.needs_surface();
+            point.bytes += if carries { self.bench.rest_bytes } else { 0 };
             points.push(point);
             models.push(model);
         }
@@ -365,23 +375,6 @@ impl Bench<'_> {
         }
         let count = (self.left_out.len() * numbers).max(1) as f64;
         Ok(sums.into_iter().map(|sum| sum / count - base.noise_variance).collect())
-    }
-
-    /// Sizes as all points would have them.
-    fn enlarge(&self, point: &mut Point, model: &Model, precision: Precision) {
-        let layout = &self.bench.dataset.header().layout;
-        let sizes = model.sizes(precision);
-        let each = sizes.decoder as f64 / model.numbers().max(1) as f64;
-        let fixed = each * model.decoder().numbers_of_poses() as f64;
-        let growth = self.bench.ratio - 1.0;
-        let decoder = (sizes.decoder as f64 - fixed).max(0.0) * growth;
-        let index = if layout.points > 1 << 16 { 4 } else { 2 };
-        let map = if layout.vertices == layout.points { 0 } else { index * layout.vertices };
-        let rest = (sizes.maps + sizes.occluders) as f64 * growth + map as f64;
-        point.bytes += (decoder + rest) as u64;
-        point.tensor_bytes += decoder as u64;
-        point.multiply_adds = (point.multiply_adds as f64 * self.bench.ratio) as u64;
-        point.mesh_percent = mesh_percent(point.tensor_bytes, layout.points * layout.row());
     }
 }
 

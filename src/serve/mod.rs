@@ -51,6 +51,7 @@ mod scenes;
 mod stages;
 mod stalled;
 mod store;
+mod trials;
 mod values;
 mod webhooks;
 mod words;

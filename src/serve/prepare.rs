@@ -13,7 +13,7 @@ use super::request::{JobRequest, Kind};
 use super::store::{self, Job, Key, NewJob, Submitted, hexadecimal};
 use super::{Service, disk, memory, webhooks};
 use crate::pipeline::recipe::Recipe;
-use crate::pipeline::{self, Checked, Hashes};
+use crate::pipeline::{self, Checked, Efforts, Hashes};
 
 /// Memory of a job that bakes nothing: the poses at hand and the sums of its products.
 const FIT_BYTES: u64 = 128 << 20;
@@ -124,7 +124,8 @@ fn of_dataset(service: &Service, request: &mut JobRequest) -> Result<Named, Prob
     };
     let recipe = &request.recipe;
     Checked::new(recipe).map_err(|error| of_pipeline(&error.into()))?;
-    if request.kind == Kind::Fit && !pipeline::has_target(recipe) {
+    let is_said = request.kind == Kind::Fit && !pipeline::has_target(recipe);
+    if is_said || request.kind == Kind::Effort {
         let effective = pipeline::effective_fit(&recipe.fit, recipe.target.on);
         effective.map_err(|error| of_pipeline(&error.into()))?;
     }
@@ -136,8 +137,27 @@ fn of_dataset(service: &Service, request: &mut JobRequest) -> Result<Named, Prob
     let layout = dataset.header().layout;
     request.candidates(layout.points)?;
     let pose_bytes = (layout.points * layout.row() * 4) as u64;
+    let (mut memory_bytes, mut disk_bytes) = (FIT_BYTES + 64 * pose_bytes, 0);
+    if let Some(efforts) = &request.efforts {
+        let baked = for_efforts(&dataset, efforts)?;
+        memory_bytes = memory_bytes.max(baked);
+        disk_bytes = if baked > 0 { disk::size(dataset.path()) } else { 0 };
+    }
     let key = key_of(request);
-    Ok(Named { bake, key, memory_bytes: FIT_BYTES + 64 * pose_bytes, disk_bytes: 0 })
+    Ok(Named { bake, key, memory_bytes, disk_bytes })
+}
+
+/// Memory of the bakes that efforts take; 0 where they take none.
+fn for_efforts(dataset: &pipeline::Dataset, efforts: &Efforts) -> Result<u64, Problem> {
+    let within = efforts.within(dataset).map_err(|error| match error {
+        pipeline::Error::Effort { .. } => Problem::field("#/efforts", error.to_string()),
+        other => of_pipeline(&other),
+    })?;
+    if within.rays.len() < 2 {
+        return Ok(0);
+    }
+    let job = pipeline::job_of(dataset).map_err(|error| of_pipeline(&error))?;
+    pipeline::memory_bytes(&job).map_err(|error| of_pipeline(&error))
 }
 
 /// A data set that a job of this service has finished.
@@ -156,7 +176,7 @@ pub(super) fn open_dataset(service: &Service, bake: &str) -> Result<pipeline::Da
 /// Names the result of a job on a data set: a hash over everything that has a part in it. A model
 /// that was fitted but not measured has other bytes than that of a run, and another id.
 fn key_of(request: &JobRequest) -> String {
-    let parts = json!({
+    let mut parts = json!({
         "kind": request.kind.name(),
         "dataset": request.dataset,
         "model": request.model,
@@ -166,6 +186,10 @@ fn key_of(request: &JobRequest) -> String {
         "target": request.recipe.target,
         "output": request.recipe.output,
     });
+    // Results from before there were efforts keep their names.
+    if let Some(efforts) = &request.efforts {
+        parts["efforts"] = json!(efforts);
+    }
     hexadecimal(&Sha256::digest(parts.to_string()))
 }
 

@@ -11,9 +11,10 @@ use super::answer::{document, escaped, is_sha256};
 use super::files::link;
 use super::problem::Problem;
 use super::store::create;
+use super::trials::{RangeName, check_efforts};
 use super::{Service, faults};
 use crate::pipeline::recipe::{Recipe, VERSION};
-use crate::pipeline::{self, CandidateRecipe, Checked, Job, Range};
+use crate::pipeline::{self, CandidateRecipe, Checked, Efforts, Job, Range};
 
 /// Files of one job.
 pub(super) const MOST_FILES: usize = 256;
@@ -39,6 +40,9 @@ pub(super) struct JobRequest {
     /// How far to look; of `tradeoff`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) range: Option<RangeName>,
+    /// What to try with less than the data set has; of `effort`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) efforts: Option<Efforts>,
     /// Only candidates whose name has one of these in it; of `tradeoff`, and of `fit` with a target.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(super) only: Vec<String>,
@@ -75,12 +79,14 @@ pub(super) enum Kind {
     Measure,
     /// Every family and size over one data set.
     Tradeoff,
+    /// One model with less than a data set has.
+    Effort,
 }
 
 impl Kind {
     /// Every kind.
-    pub(super) const ALL: [Self; 5] =
-        [Self::Run, Self::Bake, Self::Fit, Self::Measure, Self::Tradeoff];
+    pub(super) const ALL: [Self; 6] =
+        [Self::Run, Self::Bake, Self::Fit, Self::Measure, Self::Tradeoff, Self::Effort];
 
     /// As clients read it.
     pub(super) fn name(self) -> &'static str {
@@ -90,6 +96,7 @@ impl Kind {
             Self::Fit => "fit",
             Self::Measure => "measure",
             Self::Tradeoff => "tradeoff",
+            Self::Effort => "effort",
         }
     }
 
@@ -102,7 +109,7 @@ impl Kind {
     fn subject(self) -> &'static str {
         match self {
             Self::Run | Self::Bake => "assets",
-            Self::Fit | Self::Tradeoff => "dataset",
+            Self::Fit | Self::Tradeoff | Self::Effort => "dataset",
             Self::Measure => "model",
         }
     }
@@ -124,7 +131,7 @@ impl Kind {
                 ];
                 OF_SCENE
             }
-            Self::Fit => &["version", "fit", "target", "output"],
+            Self::Fit | Self::Effort => &["version", "fit", "target", "output"],
             Self::Measure => &["version", "target"],
             Self::Tradeoff => &["version", "fit", "target"],
         }
@@ -139,17 +146,6 @@ impl Kind {
     pub(super) fn makes_model(self) -> bool {
         matches!(self, Self::Run | Self::Fit)
     }
-}
-
-/// How far a trade-off looks.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) enum RangeName {
-    /// Every family at a few sizes.
-    #[default]
-    Quick,
-    /// All.
-    Full,
 }
 
 impl JobRequest {
@@ -170,6 +166,10 @@ impl JobRequest {
         match request.kind {
             Kind::Run | Kind::Bake => request.check_assets()?,
             Kind::Fit | Kind::Tradeoff => check_digest("dataset", request.dataset.as_deref())?,
+            Kind::Effort => {
+                check_digest("dataset", request.dataset.as_deref())?;
+                check_efforts(request.efforts.as_ref())?;
+            }
             Kind::Measure => check_digest("model", request.model.as_deref())?,
         }
         Ok(request)
@@ -181,9 +181,10 @@ impl JobRequest {
         let options: &[&str] = match kind {
             Kind::Tradeoff => &["range", "only"],
             Kind::Fit => &["only"],
+            Kind::Effort => &["efforts"],
             _ => &[],
         };
-        for field in ["assets", "dataset", "model", "range", "only"] {
+        for field in ["assets", "dataset", "model", "range", "efforts", "only"] {
             let own = field == kind.subject() || options.contains(&field);
             if outer.fields.contains(field) && !own {
                 let fault = format!("a job of kind `{}` has no `{field}`", kind.name());
@@ -439,6 +440,14 @@ mod tests {
             problem.json()["errors"][0]["pointer"].as_str().unwrap_or_default().to_owned()
         };
         let version = r#""recipe":{"version":1}"#;
+        let less = r#""efforts":{"poses":[2]}"#;
+        let effort = format!(r#""kind":"effort","dataset":"{digest}",{version}"#);
+        JobRequest::read(format!("{{{effort},{less}}}").as_bytes()).expect("sound");
+        assert_eq!(fault(&effort), "#/efforts");
+        assert_eq!(fault(&format!(r#"{effort},"efforts":{{"rays":[]}}"#)), "#/efforts");
+        let many = vec!["1"; 17].join(",");
+        assert_eq!(fault(&format!(r#"{effort},"efforts":{{"rays":[{many}]}}"#)), "#/efforts/rays");
+        assert_eq!(fault(&format!(r#"{effort},{less},"range":"full""#)), "#/range");
         for kind in ["fit", "tradeoff"] {
             let body = format!(r#"{{"kind":"{kind}","dataset":"{digest}",{version}}}"#);
             JobRequest::read(body.as_bytes()).expect("sound");

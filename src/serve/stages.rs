@@ -125,6 +125,7 @@ pub(super) fn run(
         Kind::Fit => stage.fit(),
         Kind::Measure => stage.measure(),
         Kind::Tradeoff => stage.tradeoff(),
+        Kind::Effort => stage.effort(),
     };
     match attempt() {
         Err(Attempt::Pipeline(error)) => match pipeline::other_references(&error) {
@@ -278,6 +279,21 @@ impl Stage<'_> {
         parts.push((pipeline::REPORT, tradeoff.page(None).into_bytes()));
         let files = self.keep(&parts)?;
         let result = json!({ "dataset": self.job.bake, "front": tradeoff.front, "files": files });
+        Ok(Made { result, model: None })
+    }
+
+    fn effort(&self) -> Result<Made, Attempt> {
+        let dataset = prepare::open_dataset(self.service, &self.job.bake)?;
+        let recipe = &self.request.recipe;
+        let checked = Checked::new(recipe).map_err(pipeline::Error::from)?;
+        pipeline::bake_reference(&dataset, checked.reference, &self.watch)?;
+        // Bakes of fewer rays; what a power cut leaves of them goes at the next start.
+        let incoming = self.service.store.folder().incoming()?;
+        let efforts = self.request.efforts.clone().unwrap_or_default();
+        let effort = pipeline::effort(&dataset, recipe, &efforts, incoming.path(), &self.watch)?;
+        let files = self
+            .keep(&[("effort.json", text(&effort)?), ("effort.svg", effort.plot().into_bytes())])?;
+        let result = json!({ "dataset": self.job.bake, "files": files });
         Ok(Made { result, model: None })
     }
 

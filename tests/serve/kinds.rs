@@ -167,6 +167,39 @@ fn the_service_chooses_by_target() {
     }
 }
 
+/// What less than a data set has would do, as the command line measures it; more than it has is refused at once, and a
+/// bake of fewer rays leaves nothing behind.
+#[test]
+fn the_service_measures_efforts() {
+    let server = Server::start(&[]);
+    let mut recipe = small();
+    recipe["bake"]["rays"] = json!(4);
+    let mut bake = job(&server, &recipe);
+    bake["kind"] = json!("bake");
+    let dataset = finish(&server, &bake)["result"]["dataset"].clone();
+    let recipe =
+        json!({ "version": 1, "fit": { "family": "linear" }, "target": { "reference_poses": 1 } });
+    let of = |efforts: Value| json!({ "kind": "effort", "dataset": dataset, "efforts": efforts, "recipe": recipe });
+    for (efforts, pointer) in [
+        (json!({ "rays": [5] }), "#/efforts"),
+        (json!({ "poses": [0] }), "#/efforts"),
+        (json!({}), "#/efforts"),
+    ] {
+        let answer = server.post("/v1/jobs", &of(efforts), &[]);
+        assert_eq!(answer.status, 422, "{}", answer.text());
+        assert_eq!(answer.json()["errors"][0]["pointer"], pointer, "{}", answer.text());
+    }
+    let done = finish(&server, &of(json!({ "rays": [2], "poses": [3] })));
+    let get = |name: &str| server.get(done["result"]["files"][name].as_str().expect(name), &[]);
+    assert!(get("effort.svg").text().starts_with("<svg"));
+    let effort = get("effort.json").json();
+    let points = effort["points"].as_array().expect("points");
+    assert_eq!(points.len(), 4, "{effort}");
+    assert!(points.iter().any(|p| p["rays_per_point"] == 2 && p["poses"] == 3), "{effort}");
+    let again = server.post("/v1/jobs", &of(json!({ "rays": [2], "poses": [3] })), &[]).json();
+    assert_eq!(again["cached"], true, "{again}");
+}
+
 /// A job that can never have the memory it needs is refused with what there is; each kind refuses
 /// what is another's; a plan is made for a scene.
 #[test]

@@ -2,7 +2,9 @@
 //! Every figure that is an error of single precision is against the same numbers in f64.
 
 use super::fixture::{PLAIN, Sizes, changed, data, fitted, model, reference, settings, trained};
+use super::occluders;
 use super::oracle::left_out_rmse;
+use super::proxies;
 use super::stored::{far_poses, orders, storage};
 use super::values::{outputs, spectra};
 use poselight::dataset::{Training, TrainingParts};
@@ -45,6 +47,8 @@ pub(crate) fn areas() -> Vec<Area> {
         ("Precision of storage", storage()),
         ("Orders of harmonics", orders()),
         ("Poses far outside", far_poses()),
+        ("Occluders, evaluated", occluders::evaluated()),
+        ("Occluders, fitted", proxies::fitted()),
     ]
 }
 

@@ -7,7 +7,7 @@ use crate::cli::args::FitCommandArgs;
 use crate::cli::{Answer, units};
 use crate::dataset::Dataset;
 use crate::model::Model;
-use crate::pipeline::recipe::Recipe;
+use crate::pipeline::recipe::{FitRecipe, Recipe};
 use crate::pipeline::{
     self, Checked, ChoiceFigures, Confirmed, Figures, FittedModel, Range, Watch, files,
 };
@@ -43,11 +43,14 @@ fn chooses(args: &FitCommandArgs, recipe: &Recipe) -> anyhow::Result<bool> {
         (true, Some(flag)) if args.states_target() => {
             let told = format!(
                 "{flag} changes nothing where a target chooses the model; of the model only --family \
-                 can be said then"
+                 and --include-rest can be said then"
             );
             return Err(Usage(told).into());
         }
-        (true, None) => return Ok(true),
+        (true, None) => {
+            refuse_rest_in_vain(args, recipe)?;
+            return Ok(true);
+        }
         (true, Some(_)) | (false, _) => {}
     }
     pipeline::effective_fit(&recipe.fit, recipe.target.on).map_err(pipeline::Error::from)?;
@@ -59,6 +62,16 @@ fn chooses(args: &FitCommandArgs, recipe: &Recipe) -> anyhow::Result<bool> {
         return Err(Usage(told).into());
     }
     Ok(false)
+}
+
+/// A family of which no candidate looks at the mesh carries none.
+fn refuse_rest_in_vain(args: &FitCommandArgs, recipe: &Recipe) -> Result<(), pipeline::Error> {
+    if !args.names_family() {
+        return Ok(());
+    }
+    let FitRecipe { family, include_rest, .. } = recipe.fit;
+    let said = FitRecipe { family, include_rest, ..FitRecipe::default() };
+    Ok(pipeline::effective_fit(&said, recipe.target.on)?)
 }
 
 /// The simplest model that meets the target by validation on training clips, confirmed on the

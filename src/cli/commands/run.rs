@@ -86,7 +86,8 @@ fn leave_open(args: &RunArgs, recipe: &mut Recipe) -> anyhow::Result<()> {
             true => recipe.fit.family,
             false => FitRecipe::default().family,
         };
-        let open = FitRecipe { family, seed: recipe.fit.seed, ..FitRecipe::default() };
+        let FitRecipe { seed, include_rest, .. } = recipe.fit;
+        let open = FitRecipe { family, seed, include_rest, ..FitRecipe::default() };
         (recipe.fit != open).then(|| "the recipe's `fit` says".to_owned())
     });
     recipe.target.choose = match (said, limit) {

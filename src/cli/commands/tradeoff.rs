@@ -48,8 +48,7 @@ fn effort(
     if !efforts.is_any() {
         return Ok(None);
     }
-    let scratch = args.output.join("fewer-rays");
-    let effort = pipeline::effort(dataset, &recipe, &efforts, &scratch, watch)?;
+    let effort = pipeline::effort(dataset, &recipe, &efforts, &args.output, watch)?;
     files::publish(&args.output.join("effort.json"), &serde_json::to_vec_pretty(&effort)?)?;
     files::publish(&args.output.join("effort.txt"), effort.table().as_bytes())?;
     files::publish(&args.output.join("effort.svg"), effort.plot().as_bytes())?;

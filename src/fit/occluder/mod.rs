@@ -113,7 +113,8 @@ pub(super) fn fit(
         |block| Ok(block_moments(block, explained, placed, &fold_of_pose, groups)),
         |_, of_block| moments.extend(of_block),
     )?;
-    let solver = Solver::new(&moments, groups, explained.geometry.bones.nodes.len(), settings);
+    let sizes = (groups, explained.geometry.bones.nodes.len());
+    let solver = Solver::new(&moments, sizes, source.noise_variance(), settings);
     let (penalty, left_out) = solver.choose(&moments);
     let weights: Vec<Vec<f64>> =
         moments.par_iter().map(|point| solver.weights_of(point, penalty)).collect();
@@ -185,6 +186,8 @@ fn chunk_sums(
     let mut features = vec![[0.0; LANES]; groups * count];
     let mut work = Work::new(placed, groups);
     let (mut row, mut outputs) = (vec![0.0; groups * count], vec![0.0; count]);
+    // Sums are about the first pose: single precision would lose what moves little beside what is large.
+    let mut firsts: Vec<Option<(Vec<f32>, Vec<f32>)>> = vec![None; chunk.count];
     for (pose, &fold) in fold_of_pose.iter().enumerate() {
         features.fill([0.0; LANES]);
         let seen = Seen { moved, pose, chunk, points };
@@ -199,6 +202,10 @@ fn chunk_sums(
             for channel in channels.chunks_exact(count) {
                 outputs.iter_mut().zip(channel).for_each(|(sum, x)| *sum += share * x);
             }
+            let (row_0, outputs_0) =
+                firsts[lane].get_or_insert_with(|| (row.clone(), outputs.clone()));
+            row.iter_mut().zip(row_0).for_each(|(x, first)| *x -= *first);
+            outputs.iter_mut().zip(outputs_0).for_each(|(y, first)| *y -= *first);
             sums[fold].add(&row, &outputs);
         }
     }

@@ -15,6 +15,13 @@ const PENALTIES: [f64; 13] =
 /// Points that penalties are tried at, at most.
 const TRIED_POINTS: usize = 2048;
 
+/// Of the prior towards weights of 1, as a share of the mean energy of a group's features over a bone's points.
+const TO_ONE: f64 = 1e-3;
+
+/// The least variance that an output is taken to have beyond what weights can explain: a data set may not know
+/// its noise, and features are no better than this.
+const LEAST_NOISE: f64 = 1e-6;
+
 /// What points share in solving for their weights.
 pub(super) struct Solver {
     /// `[bone]`: weights that its points share.
@@ -23,6 +30,10 @@ pub(super) struct Solver {
     shared_folds: Vec<Vec<Vec<f64>>>,
     /// Mean energy of a group's features at a point.
     scale: f64,
+    /// What every penalty has beside its share: the noise of an output, so that weights are held to their
+    /// prior within about 1 where features move less than that. A bone that keeps still in the training clips
+    /// has nothing but round-off to say of its weights, and shares of that hold nothing.
+    floor: f64,
     fixed: Option<f64>,
 }
 
@@ -36,10 +47,11 @@ struct Pooled {
 impl Solver {
     pub(super) fn new(
         moments: &[PointMoments],
-        groups: usize,
-        bones: usize,
+        (groups, bones): (usize, usize),
+        noise_variance: f64,
         settings: &Settings,
     ) -> Self {
+        let floor = noise_variance.max(LEAST_NOISE);
         let count = moments.first().map_or(0, |point| point.folds.len());
         let zero = Pooled { all: Moments::zero(groups), folds: vec![Moments::zero(groups); count] };
         let mut pooled = vec![zero; bones];
@@ -55,7 +67,7 @@ impl Solver {
         // a stiff limb's own, would otherwise take any weight that its noise suggests.
         let share = |moments: &Moments| {
             let trace = moments.diagonal().iter().sum::<f64>() / groups.max(1) as f64;
-            moments.solve(&vec![1.0; groups], &vec![1e-3 * trace + f64::MIN_POSITIVE; groups])
+            moments.solve(&vec![1.0; groups], &vec![TO_ONE * trace + floor; groups])
         };
         let fixed = match (settings.on, settings.ridge) {
             (On::Trained, _) => Some(PENALTIES[0]),
@@ -66,6 +78,7 @@ impl Solver {
             shared: pooled.iter().map(|bone| share(&bone.all)).collect(),
             shared_folds: pooled.iter().map(|p| p.folds.iter().map(share).collect()).collect(),
             scale,
+            floor,
             fixed,
         }
     }
@@ -76,7 +89,7 @@ impl Solver {
     }
 
     fn weights(&self, moments: &Moments, prior: &[f64], penalty: f64) -> Vec<f64> {
-        moments.solve(prior, &vec![penalty * self.scale; prior.len()])
+        moments.solve(prior, &vec![penalty * self.scale + self.floor; prior.len()])
     }
 
     /// The penalty that predicts left-out poses best, by the sum over points of each one's root

@@ -91,15 +91,15 @@ pub(in crate::fit) fn cut_among(
     let mut spheres = Spheres::default();
     for cluster in clusters(&samples, count)? {
         let area: f32 = cluster.iter().map(|s| s.area).sum();
-        let mean = |value: &dyn Fn(&Sample) -> Vec3| -> Vec3 {
-            cluster.iter().map(|s| s.area * value(s)).sum::<Vec3>() / area
-        };
-        let centre = mean(&|s| s.ball_centre);
+        let centre = mean_of(&cluster, |s| s.ball_centre);
         let radius = cluster.iter().map(|s| s.area * s.ball_radius).sum::<f32>() / area;
         let anchors = spread(&cluster);
-        let carried: Vec3 = anchors.iter().map(|s| s.position).sum::<Vec3>() / ANCHORS as f32;
+        // From one of them: far from the origin sums of places round by more than a limb is wide.
+        let first = anchors[0].position;
+        let carried: Vec3 =
+            anchors.iter().map(|s| s.position - first).sum::<Vec3>() / ANCHORS as f32;
         spheres.anchors.extend(anchors.iter().map(|s| s.point));
-        spheres.offsets.push(centre - carried);
+        spheres.offsets.push((centre - first) - carried);
         if proxy == Proxy::Sphere {
             spheres.radii.push(INFLATION * radius);
             continue;
@@ -116,6 +116,13 @@ pub(in crate::fit) fn cut_among(
         spheres.radii.push(lengths.max_element());
     }
     Ok(spheres)
+}
+
+/// The mean of a value of a cluster's members, by area.
+fn mean_of(cluster: &[Sample], value: impl Fn(&Sample) -> Vec3) -> Vec3 {
+    let Some(first) = cluster.first().map(&value) else { return Vec3::ZERO };
+    let area: f32 = cluster.iter().map(|s| s.area).sum();
+    first + cluster.iter().map(|s| s.area * (value(s) - first)).sum::<Vec3>() / area
 }
 
 /// Principal axes and variances of a value of a cluster's members, by area; the axes are orthonormal,
@@ -222,7 +229,7 @@ impl Cluster {
         };
         let values: [fn(&Sample) -> Vec3; 2] = [|s| s.ball_centre, |s| s.normal];
         for value in values.into_iter().take(if members.len() > 1 { 2 } else { 0 }) {
-            let mean: Vec3 = members.iter().map(|s| s.area * value(s)).sum::<Vec3>() / area;
+            let mean = mean_of(&members, value);
             let (axes, values) = spread_of(&members, value, mean)?;
             let urgency = values[0] * f64::from(area).sqrt();
             if urgency > best.urgency {
@@ -251,9 +258,13 @@ fn clusters(samples: &[Sample], count: usize) -> Result<Vec<Vec<Sample>>, Error>
         let most = (0..clusters.len()).rev().max_by(|i, j| urgency(i).total_cmp(&urgency(j)));
         let Some(most) = most.filter(|i| urgency(i) > 0.0) else { break };
         let [a, b] = clusters.swap_remove(most).split();
+        // Members that round-off keeps on one side of their mean are not split again.
+        let is_split = !a.is_empty() && !b.is_empty();
         for part in [a, b] {
             if !part.is_empty() {
-                clusters.push(Cluster::new(part)?);
+                let mut cluster = Cluster::new(part)?;
+                cluster.urgency = if is_split { cluster.urgency } else { 0.0 };
+                clusters.push(cluster);
             }
         }
     }

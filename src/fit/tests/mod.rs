@@ -4,6 +4,7 @@ mod edges;
 mod extremes;
 mod families;
 mod frames;
+mod freedom;
 mod left_out;
 mod local;
 mod shared;

@@ -6,7 +6,7 @@ use safetensors::Dtype;
 
 use super::super::clustered::{self, Cluster, Clustered, Form};
 use super::super::multilinear::{self, Multilinear};
-use super::super::{Decoder, Family, Model, Precision, Shape};
+use super::super::{Decoder, Family, Model, Precision, RestSizes, Shape};
 use super::Sizes;
 
 pub(super) const MEAN: &str = "mean";
@@ -281,8 +281,7 @@ pub(super) fn sizes(model: &Model, precision: Precision) -> Sizes {
     let tangents = 3 * model.tangents().len();
     sizes.maps = (points + bones + tangents + own_map) as u64;
     if let Some(mesh) = model.rest() {
-        let tensors = super::rest::tensors(mesh, header.rig.nodes.len());
-        sizes.rest = tensors.iter().map(|(_, tensor)| tensor.bytes.len() as u64).sum();
+        sizes.rest = RestSizes::of(mesh).bytes(shape.points, header.rig.nodes.len());
     }
     if let Some(occluders) = model.occluders() {
         let groups = occluders.groups(shape.points);

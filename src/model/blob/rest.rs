@@ -70,6 +70,18 @@ pub(super) fn tensors(mesh: &Mesh, nodes: usize) -> Vec<(&'static str, Tensor)> 
     out
 }
 
+impl RestSizes {
+    /// Bytes of the blob's tensors of a rest mesh of these sizes: so many points, in a rig of so many
+    /// nodes.
+    #[must_use]
+    pub fn bytes(self, points: usize, nodes: usize) -> u64 {
+        let layout = Layout::of(self, points, nodes);
+        let numbers = layout.numbers.iter().map(|shape| 4 * shape.iter().product::<usize>());
+        let indices = layout.indices.iter().map(|&(length, below)| length * index_dtype(below).1);
+        numbers.chain(indices).sum::<usize>() as u64
+    }
+}
+
 /// A mesh of these sizes; the model checks what it holds.
 pub(super) fn read(
     tensors: &mut Tensors<'_>,

@@ -111,9 +111,13 @@ impl Occluders {
         let spheres = self.anchors.as_chunks::<ANCHORS>().0.iter().zip(self.offsets.as_chunks().0);
         spheres
             .map(|(anchors, &offset)| {
-                let sum: Vec3 = anchors.iter().map(|&point| positions[point as usize]).sum();
+                // From one of them: sums of places round by more than their differences do.
+                let first = positions[anchors[0] as usize];
+                let sum: Vec3 =
+                    anchors.iter().map(|&point| positions[point as usize] - first).sum();
                 let bone = usize::from(bone_of_point[anchors[0] as usize]);
-                sum / ANCHORS as f32 + bone_rotations[bone].normalize() * Vec3::from_array(offset)
+                let offset = bone_rotations[bone].normalize() * Vec3::from_array(offset);
+                first + (sum / ANCHORS as f32 + offset)
             })
             .collect()
     }

@@ -15,7 +15,8 @@ pub(super) fn checked_choice(recipe: &Recipe) -> Result<(), RecipeError> {
     let says =
         "without `max_error`, `max_bytes`, `max_us` or `max_fit_s` there is nothing to choose by";
     require(stated, "target.choose", name(recipe.target.choose), says)?;
-    let open = FitRecipe { family, seed: recipe.fit.seed, ..FitRecipe::default() };
+    let FitRecipe { seed, include_rest, .. } = recipe.fit;
+    let open = FitRecipe { family, seed, include_rest, ..FitRecipe::default() };
     let says = "it says what `target.choose` leaves to the target: leave one of them out";
     require(recipe.fit == open, "fit", name(&recipe.fit), says)?;
     let precision = OutputRecipe::default().precision;
@@ -71,12 +72,13 @@ mod tests {
     }
 
     /// A choice needs a target, and what it chooses must not be said; a family may be, where only
-    /// its sizes are left open.
+    /// its sizes are left open, and whether the mesh at rest goes with it.
     #[test]
     fn what_is_left_open_is_not_said() {
         assert_eq!(fault(|_| ()), None);
         assert_eq!(fault(|r| r.target.max_bytes = None), Some("target.choose"));
         assert_eq!(fault(|r| r.fit.inputs = Some(3)), Some("fit"));
+        assert_eq!(fault(|r| r.fit.include_rest = true), None);
         assert_eq!(fault(|r| r.fit.family = FamilyName::Linear), Some("fit"));
         assert_eq!(fault(|r| r.output.precision = PrecisionName::I8), Some("output"));
         let sizes = |r: &mut Recipe| {

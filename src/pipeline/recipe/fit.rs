@@ -80,9 +80,11 @@ pub struct FitRecipe {
     /// accurate. When absent 0 for ambient occlusion, else 256.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub directions: Option<u32>,
-    /// Of `linear`: how far a joint may be from the points that it matters to, as a share of the mesh's size,
-    /// above 0 to 100; weights of joints farther away are held to 0. When absent every joint may matter to
-    /// every point.
+    /// Of `linear`: over which distance joints cease to matter, as a share of the diagonal of the mesh at
+    /// rest, above 0 to 100. The points of each bone are fitted to parameters scaled by exp(−d/ℓ), ℓ that
+    /// share of the diagonal and d the least distance, over the training poses, between the bone's points
+    /// and what the parameter's joint moves against them: a prior of that deviation on their weights, not a
+    /// cut. Morph weights count whole. When absent every joint may matter to every point.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub local: Option<f64>,
     /// Distance, in typical ones of training poses, beyond which a pose is drawn towards the mean
@@ -90,7 +92,8 @@ pub struct FitRecipe {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reach: Option<f32>,
     /// Whether a model that looks at the posed mesh carries the points at rest and what moves them,
-    /// so that joint rotations are enough to evaluate it, over HTTP for one.
+    /// so that joint rotations are enough to evaluate it, over HTTP for one. A choice by target takes
+    /// it into account: what it adds counts as bytes of each candidate that looks at the mesh.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub include_rest: bool,
     /// Names of pose parameters that the model does without; a choice by target finds its own.
@@ -102,9 +105,13 @@ pub struct FitRecipe {
     pub bands: Option<u8>,
     /// The frame in which coefficients are modelled.
     pub frame: FrameName,
-    /// How the regularisation is chosen.
+    /// How the regularisation is chosen. The weights of `occluder` are chosen by whole clips left out (in at
+    /// most six groups; of a single clip by its contiguous quarters) in both ways that choose.
     pub ridge: RidgeName,
-    /// The regularisation α where `ridge` is `fixed`.
+    /// The regularisation α where `ridge` is `fixed`, 0 or more: α²‖X‖² joins the sum of squares of the
+    /// residual, so that it is in the units of the parameters' singular values. Of `occluder` the decoder of
+    /// what occluders leave takes it so, and the points' weights take the same number as the share of a
+    /// group's mean energy that holds them to the weights of their bone, 1e-4 to 1e4 where it is chosen.
     pub alpha: Option<f64>,
     /// Seed of randomised algorithms.
     pub seed: u64,

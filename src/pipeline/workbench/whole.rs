@@ -1,0 +1,32 @@
+//! What a candidate that was tried on some points costs over all of them.
+
+use super::Bench;
+use crate::choose::Point;
+use crate::model::{Model, Precision, RestSizes};
+use crate::pipeline::Job;
+use crate::pipeline::tradeoff::mesh_percent;
+
+/// What the points of a scene at rest, with what moves them, add to a model.
+pub(super) fn rest_bytes(job: &Job) -> u64 {
+    let mesh = job.scene.mesh.subset(&job.poses.points.vertex);
+    RestSizes::of(&mesh).bytes(mesh.positions.len(), job.scene.skeleton.nodes.len())
+}
+
+impl Bench<'_> {
+    /// Sizes as all points would have them, without the mesh at rest.
+    pub(super) fn enlarge(&self, point: &mut Point, model: &Model, precision: Precision) {
+        let layout = &self.bench.dataset.header().layout;
+        let sizes = model.sizes(precision);
+        let each = sizes.decoder as f64 / model.numbers().max(1) as f64;
+        let fixed = each * model.decoder().numbers_of_poses() as f64;
+        let growth = self.bench.ratio - 1.0;
+        let decoder = (sizes.decoder as f64 - fixed).max(0.0) * growth;
+        let index = if layout.points > 1 << 16 { 4 } else { 2 };
+        let map = if layout.vertices == layout.points { 0 } else { index * layout.vertices };
+        let rest = (sizes.maps + sizes.occluders) as f64 * growth + map as f64;
+        point.bytes += (decoder + rest) as u64;
+        point.tensor_bytes += decoder as u64;
+        point.multiply_adds = (point.multiply_adds as f64 * self.bench.ratio) as u64;
+        point.mesh_percent = mesh_percent(point.tensor_bytes, layout.points * layout.row());
+    }
+}
