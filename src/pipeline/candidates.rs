@@ -314,14 +314,16 @@ mod tests {
     #[test]
     fn the_rest_mesh_goes_with_those_that_look_at_it() {
         let mut base = Recipe::default();
-        let rests = |base: &Recipe| -> Vec<FamilyName> {
+        let fits = |base: &Recipe| -> Vec<FitRecipe> {
             let all = candidates(base, 1000, Range::Full).into_iter();
-            all.filter(|c| c.recipe.fit.include_rest).map(|c| c.recipe.fit.family).collect()
+            all.map(|candidate| candidate.recipe.fit).collect()
         };
-        assert_eq!(rests(&base), []);
+        assert!(fits(&base).iter().all(|fit| !fit.include_rest));
         base.fit.include_rest = true;
-        let found = rests(&base);
-        assert!(found.len() >= SPHERES.len(), "{found:?}");
-        assert!(found.iter().all(|&family| family == FamilyName::Occluder), "{found:?}");
+        for fit in fits(&base) {
+            let is_posed = fit.family == FamilyName::Occluder || fit.unshadowed == Some(true);
+            let looks = is_posed || fit.frame == FrameName::Tangent;
+            assert_eq!(fit.include_rest, looks, "{fit:?}");
+        }
     }
 }
