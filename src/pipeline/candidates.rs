@@ -85,9 +85,9 @@ pub fn candidates(base: &Recipe, points: usize, range: Range) -> Vec<CandidateRe
         for rest in [None, Some((4, 12)), Some((12, 40))] {
             let (inputs, outputs) = rest.unzip();
             let and = rest.map_or(String::new(), |(i, o)| format!(" and {i}, {o} of the rest"));
-            // Unions take long to fit: two sizes of them tell whether they pay.
+            // Unions take long to fit: one size of them tells whether they pay.
             let ways = [("", 0), (" in 256 directions", 256)];
-            let many = if spheres >= DEFAULT_SPHERES { 2 } else { 1 };
+            let many = if spheres == DEFAULT_SPHERES { 2 } else { 1 };
             for (how, directions) in ways.into_iter().take(many) {
                 list.add(format!("occluder {spheres}{how}{and}"), OnName::Novel, |fit| {
                     (fit.family, fit.spheres) = (FamilyName::Occluder, Some(spheres));
