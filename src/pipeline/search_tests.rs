@@ -168,3 +168,30 @@ fn the_hopeless_are_dropped_within_the_time_allowed() {
     assert_eq!(left(&Target::default()), "slow");
     assert_eq!(left(&Target { max_us: Some(10.0), ..Target::default() }), "slow quick");
 }
+
+/// What a model of all points takes is foretold from some of them to 3 % and a header's difference, in every
+/// precision, with spheres that are as many for few points as for all.
+#[test]
+fn bytes_are_foretold_from_some_of_the_points() {
+    const KINDS: [&str; 4] =
+        ["linear, handles", "clustered-linear 0.6", "occluder 40", "occluder 200"];
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = dataset(folder.path());
+    let base = crate::pipeline::recipe_of(&dataset).unwrap();
+    let points = dataset.header().layout.points;
+    let mut some = candidates(&base, points, Range::Quick);
+    some.retain(|candidate| KINDS.contains(&candidate.name.as_str()));
+    assert_eq!(some.len(), KINDS.len());
+    let bench = Workbench::new(&dataset, &some).unwrap();
+    assert!(bench.is_sample(), "all of {points} points are looked at");
+    let without = bench.without(&[0]);
+    for candidate in &some {
+        let model = fit(&dataset, &candidate.recipe).unwrap().model;
+        for point in without.try_out(candidate).unwrap().points {
+            let precision = Precision::from_name(&point.precision).unwrap();
+            let own = model.to_bytes(precision).unwrap().len() as u64;
+            let apart = own.abs_diff(point.bytes);
+            assert!(apart < own * 3 / 100 + 1000, "{}: {own}, {}", point.name, point.bytes);
+        }
+    }
+}

@@ -181,7 +181,7 @@ impl<'a> Workbench<'a> {
     }
 
     /// Whether what is found here is an estimate.
-    fn is_sample(&self) -> bool {
+    pub(super) fn is_sample(&self) -> bool {
         self.ratio > 1.0
     }
 

@@ -23,7 +23,9 @@ impl Bench<'_> {
         let decoder = (sizes.decoder as f64 - fixed).max(0.0) * growth;
         let index = if layout.points > 1 << 16 { 4 } else { 2 };
         let map = if layout.vertices == layout.points { 0 } else { index * layout.vertices };
-        let rest = (sizes.maps + sizes.occluders) as f64 * growth + map as f64;
+        // Spheres and their groups are as many for all points as for some.
+        let weights = model.occluders().map_or(0, |occluders| occluders.weights.len() as u64);
+        let rest = (sizes.maps + weights * precision.bytes()) as f64 * growth + map as f64;
         point.bytes += (decoder + rest) as u64;
         point.tensor_bytes += decoder as u64;
         point.multiply_adds = (point.multiply_adds as f64 * self.bench.ratio) as u64;
