@@ -169,8 +169,8 @@ fn falls(errors: &[f64]) -> Option<bool> {
 fn trend(page: &mut Page, what: &str, found: &[Option<bool>]) {
     let told = found.iter().flatten().count();
     let seen = found.iter().flatten().filter(|&&holds| holds).count();
-    let verdict = if told > 0 && seen == told { "holds" } else { "**does not hold**" };
-    page.line(&format!("- {what}: {verdict} in {seen} of {told}"));
+    let mark = if told > 0 && seen == told { "" } else { "**" };
+    page.line(&format!("- {what}: {mark}holds in {seen} of {told}{mark}"));
 }
 
 /// RPO09's three features: least squares for linear and quadratic ones; the network as eq. 13 penalises it,
