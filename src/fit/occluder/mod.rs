@@ -5,6 +5,7 @@
 //! by a ridge that shrinks towards weights which the bone's points share ([`solver`]). What they
 //! leave over is any other family's to learn.
 
+mod balls;
 mod blocked;
 mod explained;
 mod groups;

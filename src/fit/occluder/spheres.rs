@@ -1,12 +1,12 @@
 //! Spheres cut from the rest mesh: points whose largest inscribed balls lie together make one.
 //!
-//! The ball that touches the surface at a point from inside and meets it nowhere else (its medial
-//! ball, found by shrinking: Ma, Bae and Choi 2012) has its centre deep within a limb, the same
-//! for all points around it. So clusters of these centres, bone by bone, are cross-sections of
+//! The ball that touches the surface at a point from inside and meets it nowhere else ([`Cloud::ball`])
+//! has its centre deep within a limb, the same for all points around it. So clusters of these centres, bone by bone, are cross-sections of
 //! limbs and parts of a trunk rather than patches of skin, and fill the body from inside.
 
 use glam::{Mat3, Vec3};
 
+use super::balls::Cloud;
 use crate::fit::Error;
 use crate::fit::geometry::Geometry;
 use crate::model::occluder::ANCHORS;
@@ -15,8 +15,6 @@ use crate::rig::Deformed;
 
 /// Points that are looked at, at most: the search for balls is quadratic in them.
 const CLOUD: usize = 16_000;
-/// Largest and smallest radius of a ball, over the diagonal of the rest mesh.
-const RADII: [f32; 2] = [0.001, 0.15];
 /// What a unit of normal counts beside lengths when clusters are cut, over the same diagonal:
 /// enough to part front and back of a flat trunk, too little to part the sides of a limb.
 const NORMAL_LENGTH: f32 = 0.025;
@@ -27,10 +25,6 @@ const INFLATION: f32 = 1.2;
 const ELONGATION: f32 = 1.2;
 /// Smallest radius of an ellipsoid, over the same diagonal.
 const THINNEST: f32 = 0.004;
-/// Most rounds of shrinking a ball.
-const ROUNDS: usize = 12;
-/// A ball that would shrink by less than this is found.
-const FOUND: f32 = 0.98;
 
 /// Spheres at rest.
 #[derive(Debug, Clone, Default)]
@@ -162,11 +156,12 @@ fn samples(
 ) -> Vec<Sample> {
     let stride = rest.positions.len().div_ceil(cloud).max(1);
     let cloud: Vec<Vec3> = rest.positions.iter().copied().step_by(stride).collect();
+    let cloud = Cloud::new(&cloud, diagonal);
     // A point without triangles still counts a little, so that no sum of areas is 0.
     let least = areas.iter().sum::<f32>().max(f32::MIN_POSITIVE) * 1e-6 / areas.len() as f32;
     let sample = |point: usize| {
         let (position, normal) = (rest.positions[point], rest.normals[point]);
-        let ball_radius = ball(position, normal, &cloud, diagonal);
+        let ball_radius = cloud.ball(position, normal);
         Sample {
             point: point as u32,
             bone: geometry.bones.of_point[point],
@@ -180,30 +175,6 @@ fn samples(
     use rayon::prelude::*;
     let points: Vec<usize> = (0..rest.positions.len()).step_by(stride).collect();
     points.into_par_iter().map(sample).collect()
-}
-
-/// Radius of the ball that touches the surface at `position` and holds no other point.
-fn ball(position: Vec3, normal: Vec3, cloud: &[Vec3], diagonal: f32) -> f32 {
-    let [least, most] = RADII.map(|share| share * diagonal);
-    let mut radius = most;
-    for _ in 0..ROUNDS {
-        let centre = position - radius * normal;
-        // Points at one place with this one touch the ball without being in its way.
-        let apart = |q: &&Vec3| q.distance_squared(position) > (0.5 * least).powi(2);
-        let nearest = cloud.iter().filter(apart).map(|&q| (q.distance_squared(centre), q));
-        let Some((square, q)) = nearest.min_by(|a, b| a.0.total_cmp(&b.0)) else { break };
-        let towards = position - q;
-        let along = 2.0 * normal.dot(towards);
-        if square.sqrt() >= FOUND * radius || along <= 0.0 {
-            break;
-        }
-        let touching = (towards.length_squared() / along).max(least);
-        if touching >= radius {
-            break;
-        }
-        radius = touching;
-    }
-    radius
 }
 
 /// A cluster with the way in which it would be split.
