@@ -11,6 +11,9 @@ const MARGIN: f64 = 1.645;
 /// Figures that are estimated from some of the points may be off by this share.
 const DOUBT: f64 = 0.03;
 
+/// Errors that differ by less than this share are alike: the simpler model is better.
+const ALIKE: f64 = 0.01;
+
 /// Times that are estimated may be off by this share.
 const TIME_DOUBT: f64 = 0.3;
 
@@ -81,6 +84,17 @@ impl Target {
             && self.max_fit_s.is_none_or(|most| point.fit_s <= most)
     }
 
+    /// With bounds so much wider as the costs may be off that are estimated from some of the points.
+    pub(crate) fn roughly(&self) -> Self {
+        let wider = |most: f64| most * (1.0 + TIME_DOUBT);
+        Self {
+            max_bytes: self.max_bytes.map(|most| (most as f64 * (1.0 + DOUBT)) as u64),
+            max_us: self.max_us.map(wider),
+            max_fit_s: self.max_fit_s.map(wider),
+            ..*self
+        }
+    }
+
     /// By how much its costs exceed what they may be: the worst ratio, at least 1.
     fn excess(&self, point: &Point) -> f64 {
         let ratio = |cost: f64, most: Option<f64>| most.map_or(1.0, |most| cost / most);
@@ -91,24 +105,16 @@ impl Target {
     }
 }
 
-/// Whether estimates leave a doubt about a choice: its figures are close to what the target bounds, or
-/// those of a rival are close to its own.
+/// Whether estimates leave a doubt about a choice: its figures are close to what the target bounds.
 #[must_use]
-pub fn is_doubtful(choice: &Point, rivals: &[Point], split: &str, target: &Target) -> bool {
-    let Some((largest, own)) = errors(choice, split) else { return true };
+pub fn is_doubtful(choice: &Point, split: &str, target: &Target) -> bool {
+    let Some((largest, _)) = errors(choice, split) else { return true };
     let near = |value: f64, bound: f64, share: f64| (value / bound - 1.0).abs() < share;
     let Target { max_error, max_bytes, max_us, max_fit_s } = *target;
-    let bounded = max_error.is_some_and(|most| near(largest, most, DOUBT))
+    max_error.is_some_and(|most| near(largest, most, DOUBT))
         || max_bytes.is_some_and(|most| near(choice.bytes as f64, most as f64, DOUBT))
         || max_us.is_some_and(|most| near(choice.evaluate_us, most, TIME_DOUBT))
-        || max_fit_s.is_some_and(|most| near(choice.fit_s, most, TIME_DOUBT));
-    let cheapest = max_error.is_some_and(|most| largest <= most);
-    let rivalled = |rival: &Point| match errors(rival, split) {
-        _ if cheapest => near(rival.bytes as f64, choice.bytes as f64, DOUBT),
-        Some((_, error)) => near(error, own, DOUBT),
-        None => false,
-    };
-    bounded || rivals.iter().any(rivalled)
+        || max_fit_s.is_some_and(|most| near(choice.fit_s, most, TIME_DOUBT))
 }
 
 /// The largest error that a point may have in truth, and the error itself.
@@ -121,7 +127,8 @@ pub(crate) fn errors(point: &Point, split: &str) -> Option<(f64, f64)> {
 
 /// The simplest point that meets the target: of those whose costs are within bounds and whose
 /// error stays below the largest beyond its own uncertainty, the one of fewest bytes, then fewest
-/// microseconds. Without a largest error, the affordable point of least error.
+/// microseconds. Without a largest error, the affordable point of least error, or a simpler one whose
+/// error is alike.
 ///
 /// `None` where no point was measured on the split.
 #[must_use]
@@ -147,7 +154,11 @@ pub fn decide(points: &[Point], split: &str, target: &Target) -> Option<Choice> 
         return Some(Choice::Missed(closest));
     }
     let Some(most) = target.max_error else {
-        return least(&|i, e| (e.1, cost(i).0, cost(i).1), &affordable).map(Choice::Met);
+        let error = |i: &usize| errors(&points[*i], split).map_or(f64::NAN, |(_, error)| error);
+        let best = least(&|i, e| (e.1, cost(i).0, cost(i).1), &affordable)?;
+        let most = (1.0 + ALIKE) * error(&best);
+        let alike: Vec<usize> = affordable.into_iter().filter(|i| error(i) <= most).collect();
+        return least(&|i, e| (cost(i).0, e.1, cost(i).1), &alike).map(Choice::Met);
     };
     let sound = |i: &usize| measured.iter().any(|(j, e)| j == i && e.0 <= most);
     let meeting: Vec<usize> = affordable.iter().copied().filter(sound).collect();
@@ -240,23 +251,30 @@ mod tests {
         assert_eq!(decide(&[], "novel", &bytes), None);
     }
 
-    /// A choice is in doubt where its figures are next to what the target bounds, or a rival's next to
-    /// its own by what counts: error, or bytes where the error is met.
+    /// A choice is in doubt where its figures are next to what the target bounds.
     #[test]
     fn close_figures_leave_a_doubt() {
         let choice = point(1000, 10.0, 0.05, None);
-        let rival = |bytes, rms| [point(bytes, 10.0, rms, None)];
+        let doubtful = |target: &Target| is_doubtful(&choice, "novel", target);
         let bytes = |most| Target { max_bytes: Some(most), ..Target::default() };
-        let doubtful =
-            |rivals: &[Point], target: &Target| is_doubtful(&choice, rivals, "novel", target);
-        assert!(!doubtful(&[], &bytes(2000)) && doubtful(&[], &bytes(1010)));
-        assert!(!doubtful(&rival(500, 0.06), &bytes(2000)));
-        assert!(doubtful(&rival(500, 0.051), &bytes(2000)));
-        assert!(!doubtful(&rival(1500, 0.0501), &max_error(0.1)));
-        assert!(doubtful(&rival(1010, 0.01), &max_error(0.1)));
-        assert!(doubtful(&[], &max_error(0.0505)) && doubtful(&[], &max_error(0.0495)));
+        assert!(!doubtful(&bytes(2000)) && doubtful(&bytes(1010)) && doubtful(&bytes(990)));
+        assert!(!doubtful(&max_error(0.1)) && !doubtful(&max_error(0.01)));
+        assert!(doubtful(&max_error(0.0505)) && doubtful(&max_error(0.0495)));
         let time = Target { max_us: Some(12.0), ..Target::default() };
-        assert!(doubtful(&[], &time), "times are guessed more coarsely");
+        assert!(doubtful(&time), "times are guessed more coarsely");
+        assert!(is_doubtful(&choice, "interpolated", &bytes(2000)), "not measured");
+    }
+
+    /// Of errors that are alike the simpler model is taken, of others the better one.
+    #[test]
+    fn alike_errors_leave_the_simpler() {
+        let bytes = Target { max_bytes: Some(1000), ..Target::default() };
+        let of = |simple: f64| {
+            let points = [point(900, 1.0, 0.1, None), point(100, 9.0, simple, None)];
+            decide(&points, "novel", &bytes)
+        };
+        assert_eq!(of(0.1009), Some(Choice::Met(1)));
+        assert_eq!(of(0.1011), Some(Choice::Met(0)));
     }
 
     /// An error that is only perhaps small enough is not.

@@ -2,8 +2,9 @@
 //! simplest that meets the target is fitted again to all of them.
 //!
 //! Two rounds: all candidates at some of the points, where fits share what they have in common
-//! ([`super::workbench`]), then the best of them as they are, where the first leaves a doubt.
-//! [`exhaustive`] is the second round for all, which the first is measured against.
+//! ([`super::workbench`]), then, where the first leaves a doubt whether the target is met, the best of them at
+//! all points, one after another until one meets it. [`exhaustive`] is the second round for all, which the
+//! first is measured against.
 //!
 //! *Invariant:* held-out clips have no say; they only confirm what was chosen.
 
@@ -16,13 +17,12 @@ use super::imported::Imported;
 use super::progress::{Progress, Stage, Watch};
 use super::recipe::{PrecisionName, Recipe, RidgeName};
 use super::validation::Validation;
-use super::workbench::{Tried, Workbench, largest, reaches};
+use super::workbench::{Tried, Workbench, reaches};
 use super::{Error, FittedModel, fit, timing};
 use crate::choose::{Choice, Point, Shares, SplitError, Target, decide, is_doubtful};
 use crate::dataset::Dataset;
-use crate::fit::Shared;
 use crate::model::Precision;
-use dropping::{drop_behind, drop_hopeless};
+use dropping::drop_hopeless;
 
 /// The split of the points of a search.
 pub const VALIDATION: &str = "validation";
@@ -30,14 +30,14 @@ pub const VALIDATION: &str = "validation";
 /// Groups of clips that are left out in turn, at most.
 const MOST_FOLDS: usize = 3;
 
-/// Candidates of the second round.
+/// Candidates of the second round, at most.
 const FINALISTS: usize = 4;
 
 /// What a search found.
 #[derive(Debug)]
 pub struct Searched {
     /// The candidates of the second round in every precision, their error under [`VALIDATION`]; the
-    /// only one in question where the first round left no doubt, its errors by some of the points.
+    /// first round's choice where that left no doubt, its errors by some of the points.
     pub points: Vec<Point>,
     /// The other candidates that were looked at to the end, their sizes, times and errors
     /// estimated from some of the points.
@@ -92,37 +92,32 @@ pub fn search(
             entry.take(without.try_out(entry.candidate), watch, &mut count)?;
         }
         entries.retain(|entry| entry.squares.len() == index + 1);
-        if index == 0 {
-            drop_hopeless(&mut entries, target);
+        if index + 1 < folds.len() {
+            drop_hopeless(&mut entries, target, folds.len());
         }
     }
     drop(bench);
     entries.iter_mut().for_each(Entry::hold);
-    let mut best = best(&entries, target, FINALISTS);
-    let tops: Vec<Point> = best.iter().map(|(_, point)| point.clone()).collect();
-    let clear = match tops.split_first() {
-        Some((first, rivals)) => !is_doubtful(first, rivals, VALIDATION, target),
-        None => return Err(Error::NothingToChoose),
-    };
-    best.truncate(if clear { 1 } else { FINALISTS });
-    let best: Vec<usize> = best.into_iter().map(|(entry, _)| entry).collect();
-    let finalists: Vec<CandidateRecipe> = best.iter().map(|&i| entries[i].reaching()).collect();
-    let estimates_but = |exact: &[&str]| -> Vec<Point> {
-        let others = entries.iter().filter(|entry| !exact.contains(&entry.candidate.name.as_str()));
-        others.flat_map(Entry::finished).collect()
-    };
-    if clear {
-        let estimates = estimates_but(&[&finalists[0].name]);
-        let only = Entry { candidate: &finalists[0], ..entries.swap_remove(best[0]) };
-        return conclude((dataset, target, start), &[only], estimates, left_out);
+    let best = best(&entries, target, FINALISTS);
+    let Some((first, top)) = best.first() else { return Err(Error::NothingToChoose) };
+    let finalists: Vec<CandidateRecipe> =
+        best.iter().map(|&(entry, _)| entries[entry].reaching()).collect();
+    let mut exact = Vec::new();
+    if is_doubtful(top, VALIDATION, target) {
+        for finalist in &finalists {
+            exact.extend(exactly(dataset, std::slice::from_ref(finalist), watch, start)?);
+            let points: Vec<Point> = exact.iter().flat_map(Entry::finished).collect();
+            if let Some(Choice::Met(_)) = decide(&points, VALIDATION, target) {
+                break;
+            }
+        }
+    } else {
+        let only = Entry { candidate: &finalists[0], ..entries.swap_remove(*first) };
+        exact.push(only);
     }
-    let shared = || Shared::new(largest(&finalists));
-    // What takes part of its time from others cannot say how long it takes.
-    let shared: &dyn Fn() -> Shared =
-        if target.max_fit_s.is_some() { &Shared::default } else { &shared };
-    let exact = exactly(dataset, &finalists, Some((shared, target)), watch, start)?;
-    let names: Vec<&str> = exact.iter().map(|entry| entry.candidate.name.as_str()).collect();
-    let estimates = estimates_but(&names);
+    let is_exact = |name: &str| exact.iter().any(|entry| entry.candidate.name == name);
+    let others = entries.iter().filter(|entry| !is_exact(&entry.candidate.name));
+    let estimates = others.flat_map(Entry::finished).collect();
     conclude((dataset, target, start), &exact, estimates, left_out)
 }
 
@@ -137,17 +132,15 @@ pub fn exhaustive(
     watch: &Watch,
 ) -> Result<(Vec<Point>, f64), Error> {
     let start = Instant::now();
-    let entries = exactly(dataset, candidates, None, watch, start)?;
+    let entries = exactly(dataset, candidates, watch, start)?;
     let points = entries.iter().flat_map(Entry::finished).collect();
     Ok((points, start.elapsed().as_secs_f64()))
 }
 
-/// Fits to all points; those to the same poses share what `search` makes, which also drops what can no longer be
-/// the target's choice.
+/// Fits to all points, each by itself.
 fn exactly<'a>(
     dataset: &Dataset,
     candidates: &'a [CandidateRecipe],
-    search: Option<(&dyn Fn() -> Shared, &Target)>,
     watch: &Watch,
     start: Instant,
 ) -> Result<Vec<Entry<'a>>, Error> {
@@ -156,17 +149,11 @@ fn exactly<'a>(
     let mut entries = entries(candidates);
     let mut count = Count::new(start, (entries.len() * folds.len()) as u64);
     for (index, fold) in folds.iter().enumerate() {
-        let common = search.map(|(make, _)| make());
         for entry in &mut entries {
-            let own = Shared::default();
-            let shared = common.as_ref().unwrap_or(&own);
             let time = entry.points.first().map(|point| point.evaluate_us);
-            entry.take(bench.try_out(entry.candidate, (fold, shared), time), watch, &mut count)?;
+            entry.take(bench.try_out(entry.candidate, fold, time), watch, &mut count)?;
         }
         entries.retain(|entry| entry.squares.len() == index + 1);
-        if let Some((_, target)) = search {
-            drop_behind(&mut entries, target);
-        }
     }
     Ok(entries)
 }

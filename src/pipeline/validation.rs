@@ -33,12 +33,12 @@ impl<'a> Validation<'a> {
     pub(super) fn try_out(
         &self,
         candidate: &CandidateRecipe,
-        (fold, shared): (&[usize], &Shared),
+        fold: &[usize],
         evaluate_us: Option<f64>,
     ) -> Result<Tried, Error> {
         let keep: Vec<usize> = (0..self.poses.len()).filter(|pose| !fold.contains(pose)).collect();
         let data = Part { keep: Some(&keep), ..Part::default() };
-        let fitted = fit_part(&self.dataset, &candidate.recipe, &data, shared)?;
+        let fitted = fit_part(&self.dataset, &candidate.recipe, &data, &Shared::default())?;
         let evaluate_us = match evaluate_us {
             Some(time) => time,
             None => timing::evaluate(&fitted.model, &self.dataset)?.all_us,

@@ -379,7 +379,7 @@ impl Bench<'_> {
 }
 
 /// The largest sizes among candidates.
-pub(super) fn largest(candidates: &[CandidateRecipe]) -> Largest {
+fn largest(candidates: &[CandidateRecipe]) -> Largest {
     let fits = || candidates.iter().map(|candidate| &candidate.recipe.fit);
     let outputs = fits().filter_map(|fit| fit.outputs).max().unwrap_or(0).max(40);
     let default = super::recipe::DEFAULT_CLUSTER_RETAINED;

@@ -1,30 +1,50 @@
 //! Candidates that a search needs not look at to the end.
 
 use super::Entry;
-use crate::choose::{Target, front};
+use crate::choose::{Point, Target, front};
 
-/// After the first group, a candidate is dropped where its error is this many times that of a
-/// candidate of no more bytes.
+/// A candidate is dropped where its error on what was left out so far is this many times that of a candidate
+/// which is as good in all else.
 const HOPELESS: f64 = 1.25;
 
-/// Of the second round, where error alone counts: a candidate is dropped where its error on the first group of
-/// clips is so many times that of the best, and on the first two together, which say more.
-const BEHIND: [f64; 2] = [1.2, 1.05];
+/// Keeps the candidates that may still be the choice, after some of so many groups of what is left out: with a
+/// point that is close to the front of bytes and error of those whose times the target allows, as far as these
+/// can be told; with one whose error may still be met, or is close to the least of those that it allows.
+pub(super) fn drop_hopeless(entries: &mut Vec<Entry<'_>>, target: &Target, groups: usize) {
+    drop_beaten(entries, target);
+    let least = entries.iter().map(|entry| least(entry, target)).fold(f64::INFINITY, f64::min);
+    if !least.is_finite() {
+        return;
+    }
+    let most = target.max_error.map_or(0.0, |most| most * most * groups as f64);
+    entries.retain(|entry| self::least(entry, target) <= most.max(HOPELESS * HOPELESS * least));
+}
 
-/// Keeps the candidates with a point that is close to the front of bytes and error of those whose times the
-/// target allows, as far as these can be told.
-pub(super) fn drop_hopeless(entries: &mut Vec<Entry<'_>>, target: &Target) {
-    let place = |entry: &Entry<'_>, i: usize| {
-        let squares = entry.squares.last().map_or(f64::NAN, |squares| squares[i]);
-        (entry.points[i].bytes as f64, squares.max(0.0).sqrt())
-    };
+/// The least sum of mean square errors so far of the points that the target allows.
+fn least(entry: &Entry<'_>, target: &Target) -> f64 {
+    let target = target.roughly();
+    let places = (0..entry.points.len()).filter(|&i| target.affords(&entry.points[i]));
+    places.map(|i| sum(entry, i)).fold(f64::INFINITY, f64::min)
+}
+
+/// Mean square errors of a point so far.
+fn sum(entry: &Entry<'_>, point: usize) -> f64 {
+    entry.squares.iter().map(|squares| squares[point].max(0.0)).sum()
+}
+
+/// Keeps what is close to the front.
+fn drop_beaten(entries: &mut Vec<Entry<'_>>, target: &Target) {
+    let place = |entry: &Entry<'_>, i: usize| (entry.points[i].bytes as f64, sum(entry, i).sqrt());
+    let quick = |point: &Point| target.affords_times(point);
     let all = |entry: &Entry<'_>| -> Vec<(f64, f64)> {
         (0..entry.points.len()).map(|i| place(entry, i)).collect()
     };
-    let quick = |(entry, i): &(&Entry<'_>, usize)| target.affords_times(&entry.points[*i]);
-    let points = |entry| std::iter::repeat(entry).zip(0..);
-    let each = entries.iter().flat_map(|entry: &Entry<'_>| points(entry).take(entry.points.len()));
-    let places: Vec<(f64, f64)> = each.filter(quick).map(|(entry, i)| place(entry, i)).collect();
+    let places: Vec<(f64, f64)> = (entries.iter())
+        .flat_map(|entry| {
+            let quick = (0..entry.points.len()).filter(|&i| quick(&entry.points[i]));
+            quick.map(|i| place(entry, i)).collect::<Vec<_>>()
+        })
+        .collect();
     if places.is_empty() {
         return;
     }
@@ -34,23 +54,4 @@ pub(super) fn drop_hopeless(entries: &mut Vec<Entry<'_>>, target: &Target) {
         error <= HOPELESS * rivals.fold(f64::INFINITY, f64::min)
     };
     entries.retain(|entry| all(entry).iter().any(near));
-}
-
-/// Keeps the candidates that may still have the least error of those that a target allows, where that is all it
-/// asks for.
-pub(super) fn drop_behind(entries: &mut Vec<Entry<'_>>, target: &Target) {
-    if target.max_error.is_some() {
-        return;
-    }
-    let least = |entry: &Entry<'_>| {
-        let places = (0..entry.points.len()).filter(|&i| target.affords(&entry.points[i]));
-        let sum = |i: usize| entry.squares.iter().map(|fold| fold[i].max(0.0)).sum::<f64>();
-        places.map(sum).fold(f64::INFINITY, f64::min)
-    };
-    let best = entries.iter().map(least).fold(f64::INFINITY, f64::min);
-    let groups = entries.first().map_or(0, |entry| entry.squares.len());
-    let behind = BEHIND[groups.clamp(1, BEHIND.len()) - 1];
-    if best.is_finite() {
-        entries.retain(|entry| least(entry) <= behind * behind * best);
-    }
 }
