@@ -44,6 +44,13 @@ pub struct Point {
     pub errors: BTreeMap<String, SplitError>,
 }
 
+impl Point {
+    /// Takes costs from what was measured on the same model.
+    pub(crate) fn take_costs(&mut self, of: &Self) {
+        (self.bytes, self.evaluate_us, self.fit_s) = (of.bytes, of.evaluate_us, of.fit_s);
+    }
+}
+
 /// What was measured on one split.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct SplitError {

@@ -3,13 +3,14 @@
 
 use super::figures::ChoiceFigures;
 use super::recipe::{Recipe, TargetRecipe};
-use super::run::examine_noting;
+use super::report::page;
+use super::run::examined;
 use super::trim::trim;
 use super::{
     CandidateRecipe, Checked, Error, Figures, Hashes, Searched, Trimmed, VALIDATION, Watch, fit,
-    meets_target, recipe_of, search,
+    job_of, meets_target, recipe_of, search,
 };
-use crate::choose::{Point, Remedy, Shares, Target};
+use crate::choose::{Point, Remedy, Shares, Target, errors};
 use crate::dataset::Dataset;
 use crate::model::Model;
 
@@ -73,12 +74,14 @@ pub fn choose(
     // The judge sees what is stored, not what was fitted.
     let mut model = Model::from_bytes(&found.fitted.model.to_bytes(found.precision)?)?;
     let note = trimmed.as_ref().map(Trimmed::story);
-    let (mut figures, page) =
-        examine_noting(&mut model, dataset, (&found.recipe, recipe.target.on, note), watch)?;
+    let (mut figures, report) =
+        examined(&mut model, dataset, (&found.recipe, recipe.target.on, note), watch)?;
     let confirmed = meets_target(&figures.measured, Checked::new(&found.recipe)?.reference);
     let blob = model.to_bytes(found.precision)?;
     let met = found.met && confirmed;
     figures.choice = Some(story(dataset, recipe, (&found, trimmed.as_ref()), met));
+    let settings = Checked::new(&found.recipe)?.reference;
+    let page = page(&job_of(dataset)?, dataset, &model, &figures, &report, settings);
     Ok(Confirmed { found, trimmed, blob, figures, page, met })
 }
 
@@ -90,13 +93,15 @@ fn story(
 ) -> ChoiceFigures {
     let scene = dataset.header().attributes.hashes.get("scene").cloned().unwrap_or_default();
     let point = &found.points[found.chosen];
+    let (validation_largest, validation_rms) = errors(point, VALIDATION).unwrap_or_default();
     ChoiceFigures {
         asked: Hashes::of(&scene, asked).fit,
         name: point.name.clone(),
         candidates: found.points.len() + found.estimates.len(),
         search_s: found.search_s,
         left_out: found.left_out.clone(),
-        validation_rms: point.errors.get(VALIDATION).map_or(0.0, |error| error.rms),
+        validation_rms,
+        validation_largest,
         met: found.met,
         remedy: (!met).then(|| {
             let left_out = recipe_of(dataset).is_ok_and(|recipe| recipe.poses.most.is_some());
@@ -118,7 +123,17 @@ fn advice(target: &Target, point: &Point, (shares, left_out): (&Shares, bool)) -
         return format!("to allow {:.0} µs a pose instead of {most}", point.evaluate_us.ceil());
     }
     if let Some(most) = fit_s {
-        return format!("to allow {:.2} s for the fit instead of {most}", point.fit_s);
+        let ms = [point.fit_s, most].map(|s| 1e3 * s);
+        return format!("to allow {:.1} ms for the fit instead of {}", ms[0].max(0.1), ms[1]);
+    }
+    if let (Some(most), Some((largest, rms))) = (target.max_error, errors(point, VALIDATION))
+        && rms <= most
+        && most < largest
+    {
+        return format!(
+            "more clips to train on: {rms:.5} is within the target, but the clips differ so much that \
+             it may be up to {largest:.5}"
+        );
     }
     let advice = shares.remedy().advice();
     match shares.remedy() {
@@ -134,6 +149,22 @@ fn advice(target: &Target, point: &Point, (shares, left_out): (&Shares, bool)) -
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::choose::SplitError;
+
+    /// Where the error itself is within the target and only its uncertainty is not, more clips help; the largest
+    /// error that it may be is told.
+    #[test]
+    fn an_uncertain_error_asks_for_clips() {
+        let error = SplitError { rms: 0.05, mean_square_error: Some(0.01), ..Default::default() };
+        let point = Point { errors: [(VALIDATION.to_owned(), error)].into(), ..Point::default() };
+        let shares = Shares { noise: 1.0, bias: 0.0, coverage: 0.0 };
+        let told = |most| {
+            let target = Target { max_error: Some(most), ..Target::default() };
+            advice(&target, &point, (&shares, false))
+        };
+        assert!(told(0.06).contains("more clips") && told(0.06).contains("up to 0.13766"));
+        assert_eq!(told(0.04), shares.remedy().advice());
+    }
 
     /// Where a cost is what is missed, more rays or richer models are no advice.
     #[test]

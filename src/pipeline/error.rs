@@ -73,8 +73,11 @@ pub enum Error {
         when: String,
     },
     /// No candidate could be fitted to the data.
-    #[error("none of the candidates has sizes that these data allow; bake more poses")]
-    NothingToChoose,
+    #[error("none of the candidates can be fitted to these data: {why}")]
+    NothingToChoose {
+        /// What the first of them came to.
+        why: String,
+    },
     /// An effort that is more than the data set's own, or none.
     #[error(
         "{wrong} {what} cannot be tried: the data set has {own}, and less is tried from 1 up to that"

@@ -6,8 +6,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::{Baked, ReferenceBaked, timing::EvaluationTimes};
+use crate::dataset::Dataset;
 use crate::fit::FitReport;
-use crate::measure::Measured;
+use crate::measure::{Measured, Split};
 use crate::model::Model;
 
 /// What happened before a model was measured.
@@ -59,6 +60,10 @@ pub struct ChoiceFigures {
     pub left_out: String,
     /// The chosen model's error on it, RMSE of a coefficient.
     pub validation_rms: f64,
+    /// What that may be in truth, as far as what was left out tells: more with a chance of one in twenty. This is
+    /// what a largest error is held against.
+    #[serde(default)]
+    pub validation_largest: f64,
     /// Whether the target is met there.
     pub met: bool,
     /// What would help most, where the target is not met.
@@ -226,4 +231,27 @@ pub(super) fn errors(measured: &Measured) -> BTreeMap<String, Value> {
         Some((split.split.name().to_owned(), value))
     });
     splits.collect()
+}
+
+/// As long as [`errors`] of any model of a data set get in its header.
+pub(super) fn longest_errors(dataset: &Dataset) -> String {
+    // As many digits as a number has.
+    let number = f64::MIN_POSITIVE;
+    let value = json!({
+        "poses": 100_000,
+        "clips": 10_000,
+        "coefficient_rms": number,
+        "ao_mean_absolute": number,
+        "ao_p99": number,
+        "mean_alone_coefficient_rms": number,
+        "reference_noise_rms": number,
+    });
+    // Of as many splits as there are, those of the longest names.
+    let mut codes = dataset.splits().to_vec();
+    codes.sort_unstable();
+    codes.dedup();
+    let splits = [Split::Interpolated, Split::WithinClip, Split::Training, Split::Novel];
+    let of_split = |split: &Split| (split.name().to_owned(), value.clone());
+    let errors: BTreeMap<String, Value> = splits.iter().take(codes.len()).map(of_split).collect();
+    json!(errors).to_string()
 }

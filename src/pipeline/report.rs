@@ -59,9 +59,11 @@ pub(super) fn page(
         }),
         stills,
         left_out: left_out(job),
-        target: settings
-            .max_error
-            .map(|most| Target { most: f64::from(most), reached: headline_rms(&figures.measured) }),
+        target: settings.max_error.map(|most| Target {
+            most: f64::from(most),
+            reached: headline_rms(&figures.measured),
+            validated: figures.choice.as_ref().map(|choice| choice.validation_largest),
+        }),
         warnings: report.notices.iter().cloned().chain(short).collect(),
         recipe: &recipe,
         hashes: model.header().provenance.hashes.clone().into_iter().collect(),

@@ -118,16 +118,20 @@ pub fn examine(
     recipe: &Recipe,
     watch: &Watch,
 ) -> Result<(Figures, String), Error> {
-    examine_noting(model, dataset, (recipe, recipe.target.on, None), watch)
+    let (figures, report) = examined(model, dataset, (recipe, recipe.target.on, None), watch)?;
+    let settings = Checked::new(recipe)?.reference;
+    let page = report::page(&job_of(dataset)?, dataset, model, &figures, &report, settings);
+    Ok((figures, page))
 }
 
-/// [`examine`] on the motion that somebody asked for, with a sentence more among what the fit tells of itself.
-pub(super) fn examine_noting(
+/// [`examine`] on the motion that somebody asked for, without a page: what the fit tells of itself, with a
+/// sentence more.
+pub(super) fn examined(
     model: &mut Model,
     dataset: &Dataset,
     (recipe, on, note): (&Recipe, OnName, Option<String>),
     watch: &Watch,
-) -> Result<(Figures, String), Error> {
+) -> Result<(Figures, FitReport), Error> {
     let settings = Checked::new(recipe)?.reference;
     belongs(model, dataset)?;
     let referenced = bake_reference(dataset, settings, watch)?;
@@ -138,8 +142,7 @@ pub(super) fn examine_noting(
     let mut asked = recipe.clone();
     asked.target.on = on;
     let figures = assess((model, &exact), dataset, &asked, &story, watch)?;
-    let page = report::page(&job_of(dataset)?, dataset, model, &figures, &report, settings);
-    Ok((figures, page))
+    Ok((figures, report))
 }
 
 /// Measures a model, beside the same fit unquantised, and puts the errors into its header.

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::candidates::CandidateRecipe;
-use super::recipe::Recipe;
+use super::recipe::{FamilyName, Recipe};
 use super::search::{Searched, VALIDATION, folds, leaves_poses};
 use super::workbench::{Bench, Workbench};
 use super::{Error, Watch};
@@ -89,7 +89,9 @@ pub(super) fn trim(
     let room = target.max_error.map_or(0.0, |most| CAUTION * (most / largest).powi(2));
     let limit = whole.square.max(0.0) * room.max(GROWTH);
     let mut recipe = found.recipe.clone();
-    trimmer.parameters(&mut recipe, whole, limit)?;
+    if !tells_distance_alone(&recipe) {
+        trimmer.parameters(&mut recipe, whole, limit)?;
+    }
     trimmer.bands(&mut recipe, dataset.header().attributes.order, limit)?;
     if recipe == found.recipe {
         return Ok(None);
@@ -98,6 +100,12 @@ pub(super) fn trim(
     let errors = [whole, trimmed].map(|trial| trial.square.max(0.0).sqrt());
     let bytes = [whole.bytes, trimmed.bytes];
     Ok(Some(Trimmed { without: recipe.fit.without, bands: recipe.fit.bands, bytes, errors }))
+}
+
+/// Whether pose parameters do nothing in a model but tell how far a pose is from its training: there all of them
+/// matter, whatever errors say.
+fn tells_distance_alone(recipe: &Recipe) -> bool {
+    recipe.fit.family == FamilyName::Occluder && recipe.fit.inputs.is_none()
 }
 
 struct Trimmer<'a> {

@@ -43,7 +43,8 @@ fn what_is_not_needed_goes() {
     recipe.fit.bands = trimmed.bands;
     let whole = std::mem::replace(&mut found.fitted, fit(&dataset, &recipe).unwrap()).model;
     let model = &found.fitted.model;
-    let bytes = model.to_bytes(found.precision).unwrap().len() as u64;
+    let told = crate::pipeline::figures::longest_errors(&dataset).len() as u64;
+    let bytes = model.to_bytes(found.precision).unwrap().len() as u64 + told;
     let header = model.header().clone();
     assert_eq!((header.order, header.width()), (1, 1));
     let left = groups(&header.rig.columns).len();
@@ -60,4 +61,21 @@ fn what_is_not_needed_goes() {
     recipe.fit.without = vec!["nobody".to_owned()];
     let told = fit(&dataset, &recipe).expect_err("unknown").to_string();
     assert!(told.contains("`nobody`") && told.contains("fit.without"), "{told}");
+}
+
+/// Proves that spheres alone keep all parameters: they tell how far a pose is from those trained on.
+#[test]
+fn spheres_keep_what_tells_the_distance() {
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = dataset(folder.path());
+    let mut recipe = recipe_of(&dataset).unwrap();
+    recipe.fit =
+        FitRecipe { family: FamilyName::Occluder, spheres: Some(20), ..FitRecipe::default() };
+    let all = [CandidateRecipe { name: "spheres".to_owned(), recipe, poses: None }];
+    let cancelled = AtomicBool::new(false);
+    let watch = Watch { report: &|_| {}, cancelled: &cancelled };
+    let target = Target { max_error: Some(10.0), ..Target::default() };
+    let found = search(&dataset, &all, &target, &watch).unwrap();
+    let trimmed = trim(&dataset, &found, &target, &watch).unwrap();
+    assert!(trimmed.is_none_or(|trimmed| trimmed.without.is_empty()));
 }

@@ -56,6 +56,10 @@ impl<'a> Validation<'a> {
     /// Mean square error of models of one fit on training poses, less the noise of the data.
     fn mean_squares(&self, models: &[Model], fold: &[usize]) -> Result<Vec<f64>, Error> {
         let Some(first) = models.first() else { return Ok(Vec::new()) };
+        if fold.is_empty() {
+            // What is there is off by its noise.
+            return Ok(vec![self.noise_variance; models.len()]);
+        }
         let layout = &self.dataset.header().layout;
         let numbers = layout.points * layout.row();
         let parameters = encoding::parameters(first, &self.dataset)?;

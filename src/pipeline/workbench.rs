@@ -58,7 +58,7 @@ impl Encoding {
 /// The data that candidates are tried on.
 pub(super) struct Workbench<'a> {
     dataset: &'a Dataset,
-    base: TrainingParts,
+    pub(super) base: TrainingParts,
     movement: Option<Movement>,
     /// Index in the data set of every training pose.
     poses: Vec<usize>,
@@ -164,7 +164,8 @@ impl<'a> Workbench<'a> {
         recipe.fit.parametrisation = Some(name);
         // A family that goes by how points move, so that this is read, too.
         recipe.fit.family = FamilyName::ClusteredLinear;
-        let (training, rig) = encoding::training(imported, &recipe, &[])?;
+        let (training, mut rig) = encoding::training(imported, &recipe, &[])?;
+        sample::keep_within(&mut rig, points.len());
         self.movement = training.movement().map(|movement| movement.at(points));
         self.encodings.push(Encoding {
             name,
@@ -178,11 +179,6 @@ impl<'a> Workbench<'a> {
     /// The clip of every training pose.
     pub(super) fn clips(&self) -> &[i32] {
         &self.base.clips
-    }
-
-    /// Whether what is found here is an estimate.
-    pub(super) fn is_sample(&self) -> bool {
-        self.ratio > 1.0
     }
 
     /// All training poses.
@@ -248,7 +244,7 @@ impl Bench<'_> {
     fn encoded(&self, recipe: &Recipe) -> Result<(&Encoding, &Training<'static>), Error> {
         let asked = recipe.fit.parametrisation.unwrap_or(self.bench.stored);
         let which = self.bench.encodings.iter().position(|encoding| encoding.name == asked);
-        let which = which.ok_or(Error::NothingToChoose)?;
+        let which = which.expect("every candidate's parametrisation is read at the start");
         Ok((&self.bench.encodings[which], &self.trainings[which]))
     }
 
@@ -303,7 +299,7 @@ impl Bench<'_> {
             rig: encoding.rig.clone(),
             bone_of_point: bench.base.point_bones.clone(),
             point_of_vertex: (0..bench.base.points as u32).collect(),
-            is_part: bench.is_sample(),
+            is_part: true,
             job,
         };
         let report = fitted.report.clone();
@@ -362,6 +358,10 @@ impl Bench<'_> {
     /// Less the noise of the data.
     fn mean_squares(&self, models: &[Model], encoding: &Encoding) -> Result<Vec<f64>, Error> {
         let base = &self.bench.base;
+        if self.left_out.is_empty() {
+            // What is there is off by its noise.
+            return Ok(vec![base.noise_variance; models.len()]);
+        }
         let numbers = base.points * base.channels * base.coefficients;
         let mut found = vec![0.0; numbers];
         let mut sums = vec![0.0; models.len()];

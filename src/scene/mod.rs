@@ -357,4 +357,4 @@ pub fn size_m(mesh: &Mesh, skeleton: &Skeleton) -> f32 {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -124,13 +124,14 @@ fn choose(
 /// What was looked at, and what was taken of it.
 pub(super) fn story(choice: &ChoiceFigures, figures: &Figures, met: bool) -> String {
     format!(
-        "  {} of {} candidates in {}: {}, {} µs a pose; RMSE {:.5} leaving out {}",
+        "  {} of {} candidates in {}: {}, {} µs a pose; RMSE {:.5} (up to {:.5} in truth) leaving out {}",
         if met { "the simplest that meets the target" } else { "the best that was reached" },
         choice.candidates,
         units::seconds(choice.search_s),
         choice.name,
         figures.times.evaluate_us.round(),
         choice.validation_rms,
+        choice.validation_largest,
         choice.left_out,
     )
 }

@@ -56,7 +56,8 @@ pub(in crate::cli) fn run(args: &RunArgs, watch: &Watch) -> anyhow::Result<Answe
         text += "\n  model and figures were there already";
     }
     text += &format!("\n{}", super::measure::table(&figures.measured));
-    text += &super::measure::verdict(outcome.met, job.checked.reference.max_error);
+    let reached = pipeline::meets_target(&figures.measured, job.checked.reference);
+    text += &super::measure::verdict(outcome.met, reached, job.checked.reference.max_error);
     if let Some(remedy) = figures.choice.as_ref().and_then(|choice| choice.remedy.as_ref()) {
         text += &format!("\n  the target is not met; what would help most: {remedy}");
     }

@@ -91,6 +91,13 @@ fn against(error: f64, baseline: f64) -> String {
 }
 
 fn missed_target(target: &Target) -> String {
+    if let Some(validated) = target.validated.filter(|_| target.is_reached()) {
+        return format!(
+            "The target is missed: here coefficients are off by no more than the {} (RMS) that was asked for, but by what the training clips say of one another they may be off by {}.",
+            number(target.most, 3),
+            number(validated, 3)
+        );
+    }
     format!(
         "The target is missed: coefficients were to be off by at most {} (RMS), and are by {}.",
         number(target.most, 3),

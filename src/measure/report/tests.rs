@@ -324,18 +324,21 @@ fn worse_than_the_baseline_is_said() {
     assert!(html(&page_input(&measured)).contains("<strong>worse</strong>"));
 }
 
-/// A target that was missed stands among the warnings with both numbers, one that was met in a tile;
+/// A target that was missed, if only in validation, stands among the warnings with both numbers, one that was met in a tile;
 /// a bake that several runs shared still has its rate.
 #[test]
 fn targets_and_shared_bakes_are_shown() {
     let body = body(4);
     let measured = measured(Signal::Ao, 1, &body, 2, "run");
-    let of = |reached| {
-        let target = Some(Target { most: 0.01, reached: Some(reached) });
+    let of = |reached, validated| {
+        let target = Some(Target { most: 0.01, reached: Some(reached), validated });
         let times = Times { bake_rays_per_s: Some(2.5e6), ..Times::default() };
         html(&ReportInput { target, times, ..page_input(&measured) })
     };
-    let (missed, met) = (of(0.02), of(0.005));
+    let (missed, met) = (of(0.02, None), of(0.005, Some(0.009)));
+    let doubted = of(0.005, Some(0.03));
+    assert!(doubted.contains("The target is missed: here") && doubted.contains("off by 0.0300"));
+    assert!(!doubted.contains("Target met"));
     assert!(missed.contains("The target is missed") && missed.contains("0.0100 (RMS)"));
     assert!(met.contains("Target met") && !met.contains("is missed"));
     assert!(met.contains("2.50 <small>million rays/s") && met.contains("the last run baked"));

@@ -1,5 +1,6 @@
 //! Some of the points of a data set, which stand for all.
 
+use crate::model::{RigHeader, SourceHeader};
 use crate::pipeline::Job;
 
 /// Every n-th point of the points by bones: each bone has its share, and neighbours in the mesh do
@@ -25,6 +26,15 @@ pub(super) fn thinned(mut job: Job, points: &[u32]) -> Job {
         of_vertex: all.of_vertex.iter().map(near).collect(),
     };
     job
+}
+
+/// Parameters that look at points look at some that are there: nobody poses what candidates come to.
+pub(super) fn keep_within(rig: &mut RigHeader, count: usize) {
+    for column in &mut rig.columns {
+        if let SourceHeader::Dihedral { points, .. } = &mut column.source {
+            *points = points.map(|point| point % count.max(1) as u32);
+        }
+    }
 }
 
 #[cfg(test)]

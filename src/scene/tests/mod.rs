@@ -7,7 +7,7 @@ mod containers;
 mod faults;
 mod nodes;
 mod refined;
-mod sequences;
+pub(crate) mod sequences;
 mod skins;
 mod surfaces;
 

@@ -42,6 +42,31 @@ fn sequence() -> Vec<u8> {
     ])
 }
 
+/// An archive of a sheet of so many vertices a side, all of them twice; frame by frame its ends wave up and down.
+pub(crate) fn waving_sheet(side: usize, frames: usize) -> Vec<u8> {
+    let (mut positions, mut faces) = (Vec::new(), Vec::new());
+    for frame in 0..frames {
+        for i in 0..2 * side * side {
+            let [x, y] = [i % side, i / side % side].map(|i| i as f32 / (side - 1) as f32 - 0.5);
+            let angle = 1.2 * (0.7 * frame as f32).sin() + 0.5 * y;
+            positions.extend([x * angle.cos(), y, (x * angle.sin()).abs()]);
+        }
+    }
+    for i in 0..2 * side * side {
+        let [column, row] = [i % side, i / side % side];
+        if column.min(row) > 0 {
+            let [a, b] = [i - side, i].map(|i| i as i64);
+            faces.extend([a - 1, a, b, a - 1, b, b - 1]);
+        }
+    }
+    let shape = [frames as u64, (2 * side * side) as u64, 3];
+    archive(&[
+        ("positions", array(&shape, &positions)),
+        ("faces", array(&[faces.len() as u64 / 3, 3], &faces)),
+        ("fps", array(&[], &[10.0_f32])),
+    ])
+}
+
 fn posed(scene: &Scene, time_s: f32) -> Deformed {
     let rest = Pose::rest(&scene.skeleton, &scene.mesh.default_weights);
     let pose = match scene.clips.first() {
