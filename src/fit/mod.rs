@@ -293,14 +293,12 @@ fn explain<'a>(
     let explained = occluder::Explained::new(geometry, settings, turns);
     source.explain(explained);
     let key = shared::Outputs::of(settings);
-    let Some(spheres) = settings.spheres else {
+    if settings.spheres.is_none() {
         keep_rest(source, key, shared)?;
         return Ok(None);
-    };
+    }
     let found = shared.placed(key, || {
-        let mut placed = occluder::place(geometry, turns, spheres, settings.directions)?;
-        let report = occluder::fit(source, &mut placed, training.clips(), settings)?;
-        Ok((placed, report))
+        occluder::fit(source, (geometry, turns), training.clips(), settings, shared)
     })?;
     let (placed, report) = &*found;
     source.explain_further(placed.clone());

@@ -8,7 +8,7 @@ use super::clustered::Kept;
 use super::design::Design;
 use super::folds::Folds;
 use super::multilinear::Local;
-use super::occluder::Placed;
+use super::occluder::{Placed, Sight};
 use super::output_basis::{OutputBasis, Projected};
 use super::output_parts::Part;
 use super::source::Rest;
@@ -21,6 +21,8 @@ pub struct Largest {
     pub outputs: usize,
     /// Outputs of each cluster of points.
     pub cluster_outputs: Kept,
+    /// Groups of occluders of each bone.
+    pub groups: usize,
 }
 
 /// The common parts of fits, kept from one to the next.
@@ -36,6 +38,7 @@ pub struct Shared {
     labels: Kind<Option<usize>, Vec<usize>>,
     parts: Kind<(Outputs, Option<usize>), Vec<Part>>,
     locals: Kind<(Vec<String>, usize), Vec<Local>>,
+    seen: Kind<Outputs, Sight>,
     placed: Kind<Outputs, (Placed, OccluderReport)>,
     kept: Kind<Outputs, Option<Arc<Rest>>>,
 }
@@ -128,6 +131,14 @@ impl Shared {
         make: impl FnOnce() -> Result<Vec<Local>, Error>,
     ) -> Result<Arc<Vec<Local>>, Error> {
         self.locals.get(&(names.to_vec(), clusters), make)
+    }
+
+    pub(super) fn seen(
+        &self,
+        key: Outputs,
+        make: impl FnOnce() -> Result<Sight, Error>,
+    ) -> Result<Arc<Sight>, Error> {
+        self.seen.get(&key, make)
     }
 
     pub(super) fn placed(

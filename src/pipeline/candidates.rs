@@ -55,6 +55,10 @@ const LOOKING: [(FrameName, bool, &str); 2] =
 /// Spheres of `occluder`.
 const SPHERES: [u32; 3] = [40, 100, 200];
 
+/// Groups of them that points weigh, where that is fewer than [`super::recipe::DEFAULT_GROUPS`]: a weight for each
+/// is most of a model.
+const GROUPS: [u32; 3] = [1, 3, 6];
+
 /// The models to try over a data set of so many points, in a fixed order, simple ones first.
 #[must_use]
 pub fn candidates(base: &Recipe, points: usize, range: Range) -> Vec<CandidateRecipe> {
@@ -80,22 +84,8 @@ pub fn candidates(base: &Recipe, points: usize, range: Range) -> Vec<CandidateRe
         list.looking((frame, unshadowed), suffix);
     }
     // Spheres are cut from the posed mesh, of which receivers that block nothing are no part.
-    let has_receivers = base.bake.surroundings.receivers.is_some();
-    for spheres in SPHERES.into_iter().filter(|_| !has_receivers) {
-        for rest in [None, Some((4, 12)), Some((12, 40))] {
-            let (inputs, outputs) = rest.unzip();
-            let and = rest.map_or(String::new(), |(i, o)| format!(" and {i}, {o} of the rest"));
-            // Unions take long to fit: one size of them tells whether they pay.
-            let ways = [("", 0), (" in 256 directions", 256)];
-            let many = if spheres == DEFAULT_SPHERES { 2 } else { 1 };
-            for (how, directions) in ways.into_iter().take(many) {
-                list.add(format!("occluder {spheres}{how}{and}"), OnName::Novel, |fit| {
-                    (fit.family, fit.spheres) = (FamilyName::Occluder, Some(spheres));
-                    (fit.inputs, fit.outputs) = (inputs, outputs);
-                    fit.directions = Some(directions);
-                });
-            }
-        }
+    if base.bake.surroundings.receivers.is_none() {
+        list.occluders();
     }
     if range == Range::Full {
         list.published(points);
@@ -233,6 +223,37 @@ impl List<'_> {
                 fit.parametrisation = Some(ParametrisationName::JointAngles);
                 fit.local = Some(near);
             });
+        }
+    }
+
+    /// Spheres and unions of ellipsoids, with weights for all groups of them or for few.
+    fn occluders(&mut self) {
+        for spheres in SPHERES {
+            // Unions take long to fit: one size of them tells whether they pay.
+            let ways = [("", 0), (" in 256 directions", 256)];
+            let many = if spheres == DEFAULT_SPHERES { 2 } else { 1 };
+            for rest in [None, Some((4, 12)), Some((12, 40))] {
+                let (inputs, outputs) = rest.unzip();
+                let and = rest.map_or(String::new(), |(i, o)| format!(" and {i}, {o} of the rest"));
+                for (how, directions) in ways.into_iter().take(many) {
+                    self.add(format!("occluder {spheres}{how}{and}"), OnName::Novel, |fit| {
+                        (fit.family, fit.spheres) = (FamilyName::Occluder, Some(spheres));
+                        (fit.inputs, fit.outputs) = (inputs, outputs);
+                        fit.directions = Some(directions);
+                    });
+                }
+            }
+            let few = if spheres > DEFAULT_SPHERES { &[][..] } else { &GROUPS };
+            for (how, directions) in ways.into_iter().take(many) {
+                for &groups in few {
+                    let plural = if groups > 1 { "s" } else { "" };
+                    let name = format!("occluder {spheres}{how}, {groups} group{plural}");
+                    self.add(name, OnName::Novel, |fit| {
+                        (fit.family, fit.spheres) = (FamilyName::Occluder, Some(spheres));
+                        (fit.groups, fit.directions) = (Some(groups), Some(directions));
+                    });
+                }
+            }
         }
     }
 

@@ -16,7 +16,9 @@ use super::candidates::CandidateRecipe;
 use super::fit::{Assembled, assemble, fit_sizes, geometry, order_kept, settings_for};
 use super::imported::Imported;
 use super::measure::evaluate_widened;
-use super::recipe::{FamilyName, FitRecipe, FrameName, OnName, ParametrisationName, Recipe};
+use super::recipe::{
+    DEFAULT_GROUPS, FamilyName, FitRecipe, FrameName, OnName, ParametrisationName, Recipe,
+};
 use super::tradeoff::point;
 use super::{Error, FittedModel, Job, encoding};
 use crate::choose::Point;
@@ -384,5 +386,8 @@ fn largest(candidates: &[CandidateRecipe]) -> Largest {
     let outputs = fits().filter_map(|fit| fit.outputs).max().unwrap_or(0).max(40);
     let default = super::recipe::DEFAULT_CLUSTER_RETAINED;
     let share = fits().filter_map(|fit| fit.retain_outputs).fold(default, f64::max);
-    Largest { outputs: outputs as usize, cluster_outputs: Kept::Share(share) }
+    let of_occluders = fits().filter(|fit| fit.family == FamilyName::Occluder);
+    let groups = of_occluders.map(|fit| fit.groups.unwrap_or(DEFAULT_GROUPS)).max().unwrap_or(0);
+    let cluster_outputs = Kept::Share(share);
+    Largest { outputs: outputs as usize, cluster_outputs, groups: groups as usize }
 }

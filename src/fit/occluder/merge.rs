@@ -3,7 +3,7 @@
 //! At first every bone's spheres are a group of their own. A weight for each of these at each point
 //! is more than a model can hold, and more than some bones need: a finger is nothing to a foot. So
 //! the points of every bone merge, again and again, the two groups whose weights they give up
-//! telling apart at the least cost to the training data.
+//! telling apart at the least cost to the training data. What fewer groups see is the sum of what more saw.
 
 use rayon::prelude::*;
 
@@ -22,19 +22,17 @@ const PENALTY: f64 = 0.01;
 /// Above 0 where nothing moves at all.
 const LEAST: f64 = 1e-100;
 
-/// Merges the groups of `placed` until each bone has at most `most`.
-pub(super) fn merge(
+/// `[bone]`: the moments of some of its points, by the groups of `placed`.
+pub(super) fn of_bones(
     source: &Source<'_>,
     explained: &Explained<'_>,
-    placed: &mut Placed,
-    most: usize,
-) -> Result<(), Error> {
+    placed: &Placed,
+) -> Result<Vec<Vec<Moments>>, Error> {
     let bones = &explained.geometry.bones;
     let groups = placed.occluders.groups(source.points());
     let mut of_bones: Vec<Vec<Moments>> = vec![Vec::new(); bones.nodes.len()];
     let asked = asked(&bones.of_point, bones.nodes.len());
     let one_fold = vec![0; source.poses()];
-    let seen = &*placed;
     source.map_fold(
         |block| {
             let points = block.points.clone();
@@ -43,23 +41,32 @@ pub(super) fn merge(
             let mut found = Vec::new();
             for chunk in chunks_of(&bones.of_point[points], some) {
                 let of_chunk = (&moved, &chunk);
-                let sums = chunk_sums(block, explained, seen, of_chunk, (&one_fold, groups));
+                let sums = chunk_sums(block, explained, placed, of_chunk, (&one_fold, groups));
                 found.extend(sums.iter().map(|folds| (chunk.bone, folds[0].about(&folds[0]))));
             }
             Ok(found)
         },
         |_, found| found.into_iter().for_each(|(bone, moments)| of_bones[bone].push(moments)),
     )?;
-    let sets: Vec<Vec<usize>> = of_bones.par_iter().map(|points| sets(points, most)).collect();
+    Ok(of_bones)
+}
+
+/// `[bone][group]` → merged group, of which each bone has at most `most`. Those of fewer are merged of those of
+/// more.
+pub(super) fn sets_of_bones(of_bones: &[Vec<Moments>], most: usize) -> Vec<Vec<usize>> {
+    of_bones.par_iter().map(|points| sets(points, most)).collect()
+}
+
+/// Puts merged groups in the place of those of `placed`, for so many points.
+pub(super) fn regroup(placed: &mut Placed, sets: &[Vec<usize>], points: usize) {
     let spheres = placed.occluders.spheres();
-    for (table, sets) in placed.occluders.group_of.chunks_exact_mut(spheres.max(1)).zip(&sets) {
+    for (table, sets) in placed.occluders.group_of.chunks_exact_mut(spheres.max(1)).zip(sets) {
         for group in table {
             *group = sets.get(usize::from(*group)).map_or(0, |&set| set as u8);
         }
     }
     let count = placed.occluders.group_of.iter().max().map_or(0, |&most| usize::from(most) + 1);
-    placed.occluders.weights = vec![1.0; source.points() * count];
-    Ok(())
+    placed.occluders.weights = vec![1.0; points * count];
 }
 
 /// Point → whether it is asked: some of every bone's, evenly spread.

@@ -10,6 +10,7 @@ mod blocked;
 mod explained;
 mod groups;
 mod merge;
+mod sight;
 mod solver;
 mod spheres;
 mod sums;
@@ -23,14 +24,16 @@ pub(super) use explained::{Explained, Placed};
 
 use super::folds::by_clip;
 use super::geometry::Geometry;
+use super::shared::Outputs;
 use super::source::{Block, Source};
-use super::{Error, OccluderReport, Ridge, Settings};
+use super::{Error, OccluderReport, Ridge, Settings, Shared};
 use crate::fit::On;
 use crate::model::occluder::{ANCHORS, caps::LANES, sky::Sky};
 use crate::model::{Occluders, Signal};
 use crate::sh::Order;
 use blocked::{Seen, Weighing, Work};
 use explained::{Chunk, chunks};
+pub(super) use sight::Sight;
 use solver::Solver;
 pub(super) use spheres::{Proxy, cut, cut_among};
 use sums::{Moments, Sums};
@@ -39,6 +42,7 @@ use sums::{Moments, Sums};
 const MOST_FOLDS: usize = 6;
 /// The moments of one point: of all poses, and for each fold those of the others and its own,
 /// both about the means of the others.
+#[derive(Debug, Clone)]
 struct PointMoments {
     bone: usize,
     all: Moments,
@@ -46,7 +50,7 @@ struct PointMoments {
 }
 
 /// Places the spheres of a mesh in all poses, with weights of 1.
-pub(super) fn place(
+fn place(
     geometry: &Geometry<'_>,
     turns: &[glam::Quat],
     count: usize,
@@ -94,29 +98,41 @@ pub(super) fn place(
     Ok(placed)
 }
 
-/// Finds the weights of `placed` for the source's data, from which the unshadowed signal has been
-/// taken, and tells how well they do.
+/// Spheres in all poses with the weights that they have in the source's data, from which the unshadowed signal has
+/// been taken, and how well they do. What the points see is shared with fits of other numbers of groups.
 pub(super) fn fit(
     source: &Source<'_>,
-    placed: &mut Placed,
+    (geometry, turns): (&Geometry<'_>, &[glam::Quat]),
     clips: &[i32],
+    settings: &Settings,
+    shared: &Shared,
+) -> Result<(Placed, OccluderReport), Error> {
+    let largest = shared.largest().map_or(0, |largest| largest.groups);
+    let most = largest.max(settings.groups);
+    let seen = shared.seen(Outputs::of(&Settings { groups: most, ..*settings }), || {
+        let spheres = settings.spheres.unwrap_or_default();
+        let placed = place(geometry, turns, spheres, settings.directions)?;
+        Sight::new(source, placed, &folds(clips, settings), (most, largest > 0))
+    })?;
+    let seen = seen.of_groups(settings.groups);
+    let mut placed = seen.placed.clone();
+    let report = weigh(source, &mut placed, &seen.moments, settings)?;
+    Ok((placed, report))
+}
+
+/// Finds the weights of `placed`.
+fn weigh(
+    source: &Source<'_>,
+    placed: &mut Placed,
+    moments: &[PointMoments],
     settings: &Settings,
 ) -> Result<OccluderReport, Error> {
     let points = source.points();
     let explained = source.explained().ok_or(Error::NeedsGeometry)?;
-    if placed.occluders.groups(points) > settings.groups {
-        merge::merge(source, explained, placed, settings.groups)?;
-    }
     let groups = placed.occluders.groups(points);
-    let fold_of_pose = folds(clips, settings);
-    let mut moments: Vec<PointMoments> = Vec::with_capacity(points);
-    source.map_fold(
-        |block| Ok(block_moments(block, explained, placed, &fold_of_pose, groups)),
-        |_, of_block| moments.extend(of_block),
-    )?;
     let sizes = (groups, explained.geometry.bones.nodes.len());
-    let solver = Solver::new(&moments, sizes, source.noise_variance(), settings);
-    let (penalty, left_out) = solver.choose(&moments);
+    let solver = Solver::new(moments, sizes, source.noise_variance(), settings);
+    let (penalty, left_out) = solver.choose(moments);
     let weights: Vec<Vec<f64>> =
         moments.par_iter().map(|point| solver.weights_of(point, penalty)).collect();
     let training: f64 =

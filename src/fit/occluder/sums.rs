@@ -107,6 +107,20 @@ impl Moments {
         self.square += other.square;
     }
 
+    /// The moments of so many sets of groups, each the sum of its groups.
+    pub(super) fn joined(&self, set_of: &[usize], sets: usize) -> Self {
+        let mut out = Self { square: self.square, ..Self::zero(sets) };
+        for (g, &i) in set_of.iter().enumerate().take(self.cross.len()) {
+            out.cross[i] += self.cross[g];
+            for (h, &j) in set_of.iter().enumerate().take(g + 1) {
+                // Off the diagonal each pair stands once for two.
+                let times = if g != h && i == j { 2.0 } else { 1.0 };
+                out.gram[packed(i.max(j)) + i.min(j)] += times * self.gram[packed(g) + h];
+            }
+        }
+        out
+    }
+
     /// The diagonal of Σ ψ ψᵀ.
     pub(super) fn diagonal(&self) -> Vec<f64> {
         (0..self.cross.len()).map(|g| self.gram[packed(g + 1) - 1]).collect()

@@ -4,7 +4,7 @@ use glam::{Affine3A, Quat, Vec3};
 
 use super::*;
 use crate::dataset::{Training, TrainingParts};
-use crate::fit::{Family, fit_posed};
+use crate::fit::{Family, Kept, Largest, fit_posed, fit_shared};
 use crate::model::Frame;
 use crate::num::random::Stream;
 use crate::rig::{
@@ -255,6 +255,38 @@ fn merged_groups_are_enough_where_weights_agree() {
         assert_eq!(report.groups, groups);
         let group_of = fitted.occluders.unwrap().group_of;
         assert!(group_of.iter().all(|&group| usize::from(group) < groups), "{group_of:?}");
+    }
+}
+
+/// Proves that fits which share what points see of the most groups are those that look for themselves, in any
+/// order of the numbers of groups: the same groups, weights and errors, but for the round-off of f32 sums.
+#[test]
+fn fewer_groups_are_had_of_more() {
+    let puppet = Puppet::new();
+    let order = Order::new(2).unwrap();
+    for (signal, directions) in [(Signal::Ao, 0), (Signal::Transfer, 64)] {
+        let weight = |point: usize, group: usize| 0.4 + 0.1 * ((point + 2 * group) % 5) as f32;
+        let values = exact(&puppet, (signal, directions), order, weight);
+        let training = puppet.training(signal.coefficients(order), values);
+        let geometry = puppet.geometry(signal, order);
+        let largest = Largest { outputs: 1, cluster_outputs: Kept::Share(0.9), groups: 3 };
+        for order in [[1, 2, 3], [3, 2, 1]] {
+            let shared = Shared::new(largest);
+            for groups in order {
+                let settings = Settings { groups, directions, ..settings(signal) };
+                let own = fit_posed(&training, &settings, Some(&geometry)).unwrap();
+                let with = fit_shared(&training, &settings, Some(&geometry), &shared).unwrap();
+                let [a, b] = [&own, &with].map(|f| f.report.occluders.clone().unwrap());
+                assert_eq!((a.groups, a.penalty), (b.groups, b.penalty));
+                let apart = (a.training_rmse - b.training_rmse).abs();
+                assert!(apart < 1e-4 * a.spread_rms, "{a:?} {b:?}");
+                let [a, b] = [own, with].map(|f| f.occluders.unwrap());
+                assert_eq!((a.group_of, a.shapes), (b.group_of, b.shapes));
+                for (a, b) in a.weights.iter().zip(&b.weights) {
+                    assert!((a - b).abs() < 1e-2, "{signal} {groups}: {a} {b}");
+                }
+            }
+        }
     }
 }
 

@@ -34,7 +34,7 @@ fn families() -> Vec<Family> {
 fn shared_fits_are_fits() {
     let parts = synthetic(SIZES, 0.1, 21);
     let training = Training::in_memory(parts.clone());
-    let largest = Largest { outputs: 8, cluster_outputs: Kept::Share(0.9) };
+    let largest = Largest { outputs: 8, cluster_outputs: Kept::Share(0.9), groups: 0 };
     let mut all = families();
     for _ in 0..2 {
         let shared = Shared::new(largest);
