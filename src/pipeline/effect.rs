@@ -53,13 +53,14 @@ pub(super) fn looks_at_mesh(fit: &FitRecipe) -> bool {
 }
 
 /// Puts every size and option that the recipe's family does not have back to its default: whoever
-/// names another family means that family's own.
+/// names another family means that family's own. The mesh at rest goes with none that does not look at it.
 pub fn forget_other_sizes(fit: &mut FitRecipe) {
     let family = fit.family;
     let others: Vec<_> = stated(fit).filter(|s| !s.families.contains(&family)).collect();
     for other in others {
         (other.forget)(fit);
     }
+    fit.include_rest &= looks_at_mesh(fit);
 }
 
 /// A field that a recipe states, and the families that have it.
@@ -258,6 +259,7 @@ mod tests {
         assert_eq!((fit.inputs, fit.outputs), (Some(8), None));
         fit.family = Mean;
         (fit.ridge, fit.alpha) = (RidgeName::Fixed, Some(2.0));
+        fit.include_rest = true;
         forget_other_sizes(&mut fit);
         assert_eq!(fit, FitRecipe { family: Mean, ..FitRecipe::default() });
     }

@@ -13,6 +13,8 @@ use crate::pipeline::{
 };
 
 pub(in crate::cli) fn fit(args: &FitCommandArgs, watch: &Watch) -> anyhow::Result<Answer> {
+    super::named(&args.output, "safetensors")?;
+    super::keep_apart(&[("data set", &args.dataset)], &[("the output", &args.output)])?;
     let dataset = Dataset::open(&args.dataset)?;
     let mut recipe = pipeline::recipe_of(&dataset)?;
     args.edit(&mut recipe);
@@ -37,21 +39,18 @@ pub(in crate::cli) fn fit(args: &FitCommandArgs, watch: &Watch) -> anyhow::Resul
 
 /// Whether the target chooses the model; refuses flags that then, or else, change nothing.
 ///
-/// A target that only the data set's recipe states gives way to what the command line says.
+/// A target that only the data set's recipe states gives way to a model that the command line names.
 fn chooses(args: &FitCommandArgs, recipe: &Recipe) -> anyhow::Result<bool> {
-    match (pipeline::has_target(recipe), args.chosen_flag()) {
-        (true, Some(flag)) if args.states_target() => {
-            let told = format!(
-                "{flag} changes nothing where a target chooses the model; of the model only --family \
-                 and --include-rest can be said then"
-            );
-            return Err(Usage(told).into());
-        }
-        (true, None) => {
-            refuse_rest_in_vain(args, recipe)?;
-            return Ok(true);
-        }
-        (true, Some(_)) | (false, _) => {}
+    if let Some(flag) = args.chosen_flag().filter(|_| args.states_target()) {
+        let told = format!(
+            "{flag} changes nothing where a target chooses the model; of the model only --family \
+             and --include-rest can be said then"
+        );
+        return Err(Usage(told).into());
+    }
+    if pipeline::has_target(recipe) && !args.names_model() {
+        refuse_rest_in_vain(args, recipe)?;
+        return Ok(true);
     }
     pipeline::effective_fit(&recipe.fit, recipe.target.on).map_err(pipeline::Error::from)?;
     if let Some(flag) = args.measures_in_vain() {
