@@ -265,6 +265,39 @@ fn bad_requests_are_named() {
     }
 }
 
+/// A trade-off refuses beforehand what it cannot try: nothing is baked, measured or written.
+#[test]
+fn a_trade_off_refuses_before_its_work() {
+    let studio = Studio::new();
+    studio.succeed(&bake("d.zarr", &["--signal", "ao"]));
+    let before = tree(&studio.path("d.zarr"));
+    fs::write(studio.path("file"), b"").expect("written");
+    for (flags, expected, evidence) in [
+        (&["--poses", "0"][..], 2, "0 training poses cannot be tried"),
+        (&["--poses", "100000"], 2, "100000 training poses cannot be tried"),
+        (&["--rays", "0"], 2, "0 rays per point cannot be tried"),
+        (&["--orders", "9"], 2, "9 bands cannot be tried"),
+        (&["--poses", "1", "--family", "multilinear"], 1, "training poses vary in 0"),
+        (&["--family", "linear"], 2, "--family names the model that --rays"),
+        (&["--only", "mean", "--only", "nosuch"], 2, "no candidate has `nosuch` in its name"),
+        (&["--only", "mean", "-o", "file"], 1, "could not write to file"),
+    ] {
+        let (status, message) = studio.fail(&[&["tradeoff", "d.zarr", "-o", "to"], flags].concat());
+        assert_eq!(status, expected, "{flags:?}: {message}");
+        assert!(message.contains(evidence), "{flags:?}: {message}");
+        assert!(!studio.path("to").exists(), "{flags:?} left something behind");
+    }
+    assert!(before == tree(&studio.path("d.zarr")), "references were baked");
+    let words = ["tradeoff", "d.zarr", "-o", "to", "--only", "mean", "--reference-poses", "1"];
+    let missed = studio.run(&[&words[..], &["--max-error", "1e-9"]].concat());
+    let told = text(&missed.stdout);
+    assert_eq!(missed.status.code(), Some(3), "{told}");
+    assert!(told.contains("MISSED by all; mean"), "{told}");
+    studio.succeed(&[&words[..], &["--max-error", "0.9", "--orders", "1"]].concat());
+    let page = fs::read_to_string(studio.path("to/report.html")).expect("written");
+    assert!(page.contains("Rays, poses and order"), "the page tells what less would do");
+}
+
 /// A data set of another recipe is not continued; a damaged chunk is named.
 #[test]
 fn foreign_and_damaged_data_sets_are_refused() {
