@@ -7,7 +7,8 @@ use clap::{Args, ValueEnum};
 use super::args::{MeasureFlags, ParametrisationArg, names, set};
 use crate::pipeline::forget_other_sizes;
 use crate::pipeline::recipe::{
-    ChooseName, FamilyName, FrameName, OnName, PrecisionName, Recipe, RidgeName,
+    ChooseName, FamilyName, FrameName, OnName, ParametrisationName, PrecisionName, Recipe,
+    RidgeName,
 };
 
 #[derive(Debug, Args)]
@@ -215,6 +216,11 @@ impl FitCommandArgs {
         !self.states_target() && (self.names_family() || self.chosen_flag().is_some())
     }
 
+    /// How a pose becomes numbers, where that is said.
+    pub(crate) fn parametrisation(&self) -> Option<ParametrisationName> {
+        self.parametrisation.map(Into::into)
+    }
+
     /// Edits the recipe of the data set, whose own target gives way to a model that is named here.
     pub(crate) fn edit(&self, recipe: &mut Recipe) {
         recipe.target.choose = ChooseName::Nothing;
@@ -225,8 +231,7 @@ impl FitCommandArgs {
         self.fit.edit(recipe);
         self.measure.edit(recipe);
         self.limits.edit(recipe);
-        recipe.fit.parametrisation =
-            self.parametrisation.map(Into::into).or(recipe.fit.parametrisation);
+        recipe.fit.parametrisation = self.parametrisation().or(recipe.fit.parametrisation);
     }
 }
 

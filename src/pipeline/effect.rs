@@ -6,10 +6,12 @@
 
 use std::fmt::Display;
 
+use serde::Serialize;
+
 use super::RecipeError;
 use super::recipe::{
-    BakeRecipe, ChooseName, FamilyName, FitRecipe, FrameName, OnName, Recipe, RidgeName,
-    SignalName, TargetRecipe,
+    BakeRecipe, ChooseName, FamilyName, FitRecipe, FrameName, OnName, ParametrisationName,
+    PoseChoiceName, PosesRecipe, Recipe, RidgeName, SignalName, TargetRecipe,
 };
 
 /// Refuses settings without effect in a job that bakes and fits as the recipe says.
@@ -17,19 +19,21 @@ use super::recipe::{
 /// # Errors
 /// The first field that changes nothing, with the reason.
 pub fn effective(recipe: &Recipe) -> Result<(), RecipeError> {
+    poses(&recipe.poses)?;
     bake(&recipe.bake)?;
-    let mut fit = recipe.fit.clone();
+    let mut asked = recipe.clone();
     // Of a choice among all families it asks those that look at the mesh.
-    fit.include_rest &= recipe.target.choose != ChooseName::Any;
-    effective_fit(&fit, recipe.target.on)?;
+    asked.fit.include_rest &= recipe.target.choose != ChooseName::Any;
+    effective_fit(&asked)?;
     no_choice(&recipe.target)
 }
 
-/// Refuses sizes and options that the family of a fit does not have.
+/// Refuses sizes and options that the family or the signal of a recipe's fit does not have.
 ///
 /// # Errors
 /// The first field that changes nothing, with the reason.
-pub fn effective_fit(fit: &FitRecipe, on: OnName) -> Result<(), RecipeError> {
+pub fn effective_fit(recipe: &Recipe) -> Result<(), RecipeError> {
+    let fit = &recipe.fit;
     for Stated { field, found, families, .. } in stated(fit) {
         if !families.contains(&fit.family) {
             let found = format!("{found} with the family {}", fit.family);
@@ -44,7 +48,31 @@ pub fn effective_fit(fit: &FitRecipe, on: OnName) -> Result<(), RecipeError> {
              looks at the mesh";
         return Err(RecipeError { field, found, expected });
     }
-    regularisation(fit, on)
+    if recipe.bake.signal == SignalName::Ao {
+        // The root's is what models of it say of themselves.
+        let stated = (fit.frame == FrameName::Tangent).then_some("tangent");
+        absent("fit.frame", stated, "the signal ao is one number, which no frame turns")?;
+    }
+    regularisation(fit, recipe.target.on)
+}
+
+/// Refuses parameters that a sequence of meshes does not have, where somebody states them.
+///
+/// # Errors
+/// `poses.parametrisation`.
+pub fn effective_parametrisation(
+    stated: Option<ParametrisationName>,
+    is_sequence: bool,
+) -> Result<(), RecipeError> {
+    let stated = stated.filter(|&name| is_sequence && name != ParametrisationName::Dihedral);
+    let expected =
+        "a sequence of meshes has no joints, so that its folds are its parameters: leave it out";
+    absent("poses.parametrisation", stated.map(name), expected)
+}
+
+/// A value as the recipe writes it.
+fn name(value: impl Serialize) -> String {
+    serde_json::to_string(&value).unwrap_or_default().trim_matches('"').to_owned()
 }
 
 /// Whether evaluating the model takes the posed mesh.
@@ -95,6 +123,7 @@ fn stated(fit: &FitRecipe) -> impl Iterator<Item = Stated> {
     let share = |value: Option<f64>| value.map(|v| v.to_string());
     let exponent = Some(fit.blend_exponent).filter(|&e| e != default.blend_exponent);
     let published = fit.published.then(|| "true".to_owned());
+    let ridge = Some(fit.ridge).filter(|&ridge| ridge != default.ridge).map(name);
     let fields = [
         one("fit.inputs", text(fit.inputs), INPUTS, |f| f.inputs = None),
         one("fit.outputs", text(fit.outputs), OUTPUTS, |f| f.outputs = None),
@@ -120,6 +149,7 @@ fn stated(fit: &FitRecipe) -> impl Iterator<Item = Stated> {
         one("fit.alpha", share(fit.alpha), RIDGES, |f| {
             (f.alpha, f.ridge) = (None, FitRecipe::default().ridge);
         }),
+        one("fit.ridge", ridge, RIDGES, |f| f.ridge = FitRecipe::default().ridge),
     ];
     fields.into_iter().flatten()
 }
@@ -146,9 +176,18 @@ fn regularisation(fit: &FitRecipe, on: OnName) -> Result<(), RecipeError> {
         absent("fit.alpha", fit.alpha, "only the ridge `fixed` takes it")?;
     }
     if on == OnName::Trained {
-        absent("fit.alpha", fit.alpha, "a model of the trained motion is not regularised")?;
+        let expected = "a model of the trained motion is not regularised";
+        absent("fit.alpha", fit.alpha, expected)?;
+        let stated = Some(fit.ridge).filter(|&ridge| ridge != FitRecipe::default().ridge);
+        absent("fit.ridge", stated.map(name), expected)?;
     }
     Ok(())
+}
+
+fn poses(poses: &PosesRecipe) -> Result<(), RecipeError> {
+    let stated = Some(poses.choice).filter(|&choice| choice != PoseChoiceName::Distance);
+    let stated = stated.filter(|_| poses.most.is_none()).map(name);
+    absent("poses.choice", stated, "only `poses.most` (--most-poses) chooses among poses by it")
 }
 
 fn bake(bake: &BakeRecipe) -> Result<(), RecipeError> {
@@ -215,6 +254,23 @@ mod tests {
             r.target.on = OnName::Trained;
         };
         assert_eq!(fault(&trained), Some("fit.alpha"));
+        let left_out = |f: &mut FitRecipe| f.ridge = RidgeName::LeaveOneOut;
+        assert_eq!((family(Linear, left_out), family(ClusteredTanh, left_out)), {
+            (None, Some("fit.ridge"))
+        });
+        assert_eq!(family(Mean, left_out), Some("fit.ridge"));
+        let left_out = |r: &mut Recipe| {
+            (r.fit.ridge, r.target.on) = (RidgeName::LeaveOneOut, OnName::Trained);
+        };
+        assert_eq!(fault(&left_out), Some("fit.ridge"));
+        let frame = |signal, frame| fault(&move |r| (r.bake.signal, r.fit.frame) = (signal, frame));
+        assert_eq!(frame(SignalName::Ao, FrameName::Tangent), Some("fit.frame"));
+        assert_eq!(frame(SignalName::Ao, FrameName::Root), None);
+        assert_eq!(frame(SignalName::Transfer, FrameName::Tangent), None);
+        let choice = |most| {
+            fault(&move |r| (r.poses.choice, r.poses.most) = (PoseChoiceName::PredictedError, most))
+        };
+        assert_eq!((choice(None), choice(Some(8))), (Some("poses.choice"), None));
         let inputs = |f: &mut FitRecipe| f.inputs = Some(8);
         assert_eq!((family(Mean, inputs), family(Linear, inputs)), {
             (Some("fit.inputs"), Some("fit.inputs"))
@@ -250,6 +306,24 @@ mod tests {
         assert_eq!(fault(&|r| r.target.max_bytes = Some(1)), Some("target.max_bytes"));
     }
 
+    /// Joints are parameters of what has some: of a sequence of meshes they are refused by name.
+    #[test]
+    fn a_sequence_has_no_joints() {
+        use ParametrisationName::{Dihedral, Handles, JointAngles};
+        for (stated, is_sequence, sound) in [
+            (Some(JointAngles), true, false),
+            (Some(Handles), true, false),
+            (Some(Dihedral), true, true),
+            (None, true, true),
+            (Some(Handles), false, true),
+        ] {
+            let found = effective_parametrisation(stated, is_sequence);
+            assert_eq!(found.is_ok(), sound, "{stated:?}: {found:?}");
+        }
+        let told = effective_parametrisation(Some(JointAngles), true).expect_err("no effect");
+        assert!(told.to_string().contains("is joint-angles; a sequence of meshes has no joints"));
+    }
+
     /// Another family forgets what it does not have, and nothing else.
     #[test]
     fn another_family_has_its_own_sizes() {
@@ -267,13 +341,15 @@ mod tests {
     /// The sentence says what to do.
     #[test]
     fn the_sentence_can_be_acted_on() {
-        let fit = FitRecipe { alpha: Some(3.0), ..FitRecipe::default() };
-        let told = effective_fit(&fit, OnName::Novel).expect_err("no effect").to_string();
-        assert_eq!(told, "recipe field `fit.alpha` is 3; only the ridge `fixed` takes it");
+        let told = |fit: FitRecipe| {
+            let recipe = Recipe { fit, ..Recipe::default() };
+            effective_fit(&recipe).expect_err("no effect").to_string()
+        };
+        let told_alpha = told(FitRecipe { alpha: Some(3.0), ..FitRecipe::default() });
+        assert_eq!(told_alpha, "recipe field `fit.alpha` is 3; only the ridge `fixed` takes it");
         let fit = FitRecipe { family: ClusteredTanh, spheres: Some(8), ..FitRecipe::default() };
-        let told = effective_fit(&fit, OnName::Novel).expect_err("no effect").to_string();
         assert_eq!(
-            told,
+            told(fit),
             "recipe field `fit.spheres` is 8 with the family clustered-tanh; that family has no \
              such thing: leave it out, or name another"
         );

@@ -73,7 +73,7 @@ pub use choice::{Confirmed, choose, has_target};
 pub use crowd::{Crowd, CrowdPicture, CrowdPlace, MOST_CHARACTERS, crowd};
 pub use data::{open_dataset, other_references};
 pub use earlier::go_on;
-pub use effect::{effective, effective_fit, forget_other_sizes};
+pub use effect::{effective, effective_fit, effective_parametrisation, forget_other_sizes};
 pub use effort::{Effort, EffortPoint, Efforts, check_effort, effort};
 pub use error::Error;
 pub use evaluate::{EvaluateError, Light, Query};

@@ -18,6 +18,10 @@ pub(in crate::cli) fn fit(args: &FitCommandArgs, watch: &Watch) -> anyhow::Resul
     let dataset = Dataset::open(&args.dataset)?;
     let mut recipe = pipeline::recipe_of(&dataset)?;
     args.edit(&mut recipe);
+    if let Some(stated) = args.parametrisation() {
+        let is_sequence = pipeline::job_of(&dataset)?.scene.is_sequence;
+        pipeline::effective_parametrisation(Some(stated), is_sequence)?;
+    }
     let checked = Checked::new(&recipe)?;
     if chooses(args, &recipe)? {
         return choose(args, &dataset, &recipe, watch);
@@ -52,7 +56,7 @@ fn chooses(args: &FitCommandArgs, recipe: &Recipe) -> anyhow::Result<bool> {
         refuse_rest_in_vain(args, recipe)?;
         return Ok(true);
     }
-    pipeline::effective_fit(&recipe.fit, recipe.target.on).map_err(pipeline::Error::from)?;
+    pipeline::effective_fit(recipe).map_err(pipeline::Error::from)?;
     if let Some(flag) = args.measures_in_vain() {
         let told = format!(
             "{flag} says how a model is measured, and without a target (--max-error, --max-bytes, \
@@ -69,8 +73,8 @@ fn refuse_rest_in_vain(args: &FitCommandArgs, recipe: &Recipe) -> Result<(), pip
         return Ok(());
     }
     let FitRecipe { family, include_rest, .. } = recipe.fit;
-    let said = FitRecipe { family, include_rest, ..FitRecipe::default() };
-    Ok(pipeline::effective_fit(&said, recipe.target.on)?)
+    let fit = FitRecipe { family, include_rest, ..FitRecipe::default() };
+    Ok(pipeline::effective_fit(&Recipe { fit, ..recipe.clone() })?)
 }
 
 /// The simplest model that meets the target by validation on training clips, confirmed on the

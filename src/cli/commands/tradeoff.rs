@@ -94,7 +94,7 @@ fn less(
             }
         };
     }
-    pipeline::effective_fit(&recipe.fit, recipe.target.on)?;
+    pipeline::effective_fit(&recipe)?;
     pipeline::check_effort(dataset, &recipe, &efforts, watch)?;
     Ok(Some((efforts, recipe)))
 }
