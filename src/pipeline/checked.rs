@@ -408,6 +408,19 @@ mod tests {
             "fit.retain_outputs"
         );
         assert_eq!(fault(|r| r.fit.spheres = Some(0)), "fit.spheres");
+        assert_eq!(fault(|r| r.fit.groups = Some(65)), "fit.groups");
+        assert_eq!(fault(|r| r.fit.reach = Some(f32::NAN)), "fit.reach");
+        assert_eq!(fault(|r| r.fit.ridge = RidgeName::Fixed), "fit.alpha");
+        assert_eq!(fault(|r| r.target.reference_factor = 7), "target.reference_factor");
+        assert_eq!(fault(|r| r.target.reference_poses = 0), "target.reference_poses");
+        assert_eq!(fault(|r| r.target.max_error = Some(0.0)), "target.max_error");
+        assert_eq!(fault(|r| r.target.max_bytes = Some(0)), "target.max_bytes");
+        assert_eq!(fault(|r| r.target.max_us = Some(f64::NAN)), "target.max_us");
+    }
+
+    /// The sentence about too many clusters or neurons says how many there may be.
+    #[test]
+    fn bounds_of_clusters_are_told() {
         let many = |clusters, neurons| {
             let mut recipe = Recipe::default();
             let fit = &mut recipe.fit;
@@ -417,14 +430,6 @@ mod tests {
         };
         assert!(many(Some(6650), None).contains("`fit.clusters` is 6650; it must be 1 to 4096"));
         assert!(many(None, Some(257)).contains("`fit.neurons` is 257; it must be 1 to 256"));
-        assert_eq!(fault(|r| r.fit.groups = Some(65)), "fit.groups");
-        assert_eq!(fault(|r| r.fit.reach = Some(f32::NAN)), "fit.reach");
-        assert_eq!(fault(|r| r.fit.ridge = RidgeName::Fixed), "fit.alpha");
-        assert_eq!(fault(|r| r.target.reference_factor = 7), "target.reference_factor");
-        assert_eq!(fault(|r| r.target.reference_poses = 0), "target.reference_poses");
-        assert_eq!(fault(|r| r.target.max_error = Some(0.0)), "target.max_error");
-        assert_eq!(fault(|r| r.target.max_bytes = Some(0)), "target.max_bytes");
-        assert_eq!(fault(|r| r.target.max_us = Some(f64::NAN)), "target.max_us");
     }
 
     /// Noises of further rounds are positive and each below the one before; a vertex fit takes none.

@@ -227,20 +227,22 @@ mod tests {
     use super::*;
     use FamilyName::Mean;
 
+    fn fault(edit: &dyn Fn(&mut Recipe)) -> Option<&'static str> {
+        let mut recipe = Recipe::default();
+        edit(&mut recipe);
+        effective(&recipe).err().map(|error| error.field)
+    }
+
+    fn family(family: FamilyName, edit: fn(&mut FitRecipe)) -> Option<&'static str> {
+        fault(&move |r: &mut Recipe| {
+            r.fit.family = family;
+            edit(&mut r.fit);
+        })
+    }
+
     /// Each setting that would change nothing is named, and the one beside it that does is not.
     #[test]
     fn what_changes_nothing_is_refused() {
-        let fault = |edit: &dyn Fn(&mut Recipe)| {
-            let mut recipe = Recipe::default();
-            edit(&mut recipe);
-            effective(&recipe).err().map(|error| error.field)
-        };
-        let family = |family, edit: fn(&mut FitRecipe)| {
-            fault(&move |r: &mut Recipe| {
-                r.fit.family = family;
-                edit(&mut r.fit);
-            })
-        };
         assert_eq!(fault(&|_| ()), None);
         let order =
             |signal, order| fault(&move |r| (r.bake.signal, r.bake.order) = (signal, order));
@@ -254,23 +256,6 @@ mod tests {
             r.target.on = OnName::Trained;
         };
         assert_eq!(fault(&trained), Some("fit.alpha"));
-        let left_out = |f: &mut FitRecipe| f.ridge = RidgeName::LeaveOneOut;
-        assert_eq!((family(Linear, left_out), family(ClusteredTanh, left_out)), {
-            (None, Some("fit.ridge"))
-        });
-        assert_eq!(family(Mean, left_out), Some("fit.ridge"));
-        let left_out = |r: &mut Recipe| {
-            (r.fit.ridge, r.target.on) = (RidgeName::LeaveOneOut, OnName::Trained);
-        };
-        assert_eq!(fault(&left_out), Some("fit.ridge"));
-        let frame = |signal, frame| fault(&move |r| (r.bake.signal, r.fit.frame) = (signal, frame));
-        assert_eq!(frame(SignalName::Ao, FrameName::Tangent), Some("fit.frame"));
-        assert_eq!(frame(SignalName::Ao, FrameName::Root), None);
-        assert_eq!(frame(SignalName::Transfer, FrameName::Tangent), None);
-        let choice = |most| {
-            fault(&move |r| (r.poses.choice, r.poses.most) = (PoseChoiceName::PredictedError, most))
-        };
-        assert_eq!((choice(None), choice(Some(8))), (Some("poses.choice"), None));
         let inputs = |f: &mut FitRecipe| f.inputs = Some(8);
         assert_eq!((family(Mean, inputs), family(Linear, inputs)), {
             (Some("fit.inputs"), Some("fit.inputs"))
@@ -304,6 +289,28 @@ mod tests {
             (None, Some("fit.include_rest"))
         });
         assert_eq!(fault(&|r| r.target.max_bytes = Some(1)), Some("target.max_bytes"));
+    }
+
+    /// So is a ridge of what has none, a frame of one number, and a way to choose poses that chooses none.
+    #[test]
+    fn ways_without_effect_are_refused() {
+        let left_out = |f: &mut FitRecipe| f.ridge = RidgeName::LeaveOneOut;
+        assert_eq!((family(Linear, left_out), family(ClusteredTanh, left_out)), {
+            (None, Some("fit.ridge"))
+        });
+        assert_eq!(family(Mean, left_out), Some("fit.ridge"));
+        let left_out = |r: &mut Recipe| {
+            (r.fit.ridge, r.target.on) = (RidgeName::LeaveOneOut, OnName::Trained);
+        };
+        assert_eq!(fault(&left_out), Some("fit.ridge"));
+        let frame = |signal, frame| fault(&move |r| (r.bake.signal, r.fit.frame) = (signal, frame));
+        assert_eq!(frame(SignalName::Ao, FrameName::Tangent), Some("fit.frame"));
+        assert_eq!(frame(SignalName::Ao, FrameName::Root), None);
+        assert_eq!(frame(SignalName::Transfer, FrameName::Tangent), None);
+        let choice = |most| {
+            fault(&move |r| (r.poses.choice, r.poses.most) = (PoseChoiceName::PredictedError, most))
+        };
+        assert_eq!((choice(None), choice(Some(8))), (Some("poses.choice"), None));
     }
 
     /// Joints are parameters of what has some: of a sequence of meshes they are refused by name.

@@ -136,6 +136,8 @@ fn model_facts(
     ModelFacts {
         family,
         frame: sizes.frame.clone(),
+        precision: sizes.precision.clone(),
+        parameters: sizes.parameters,
         alpha: report.alpha,
         sizes: precisions(model, figures),
         tensor_bytes: sizes.tensor_bytes,

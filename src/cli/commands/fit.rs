@@ -101,7 +101,7 @@ fn choose(
             text += &format!("\n  {trimmed}");
         }
     }
-    text += &format!("\n{}", super::measure::table(&figures.measured));
+    text += &format!("\n{}", super::measure::table(figures));
     if let Some(remedy) = remedy {
         text += &format!("\n  the target is not met; what would help most: {remedy}");
     }

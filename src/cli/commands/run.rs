@@ -56,7 +56,7 @@ pub(in crate::cli) fn run(args: &RunArgs, watch: &Watch) -> anyhow::Result<Answe
     if !outcome.made {
         text += "\n  model and figures were there already";
     }
-    text += &format!("\n{}", super::measure::table(&figures.measured));
+    text += &format!("\n{}", super::measure::table(figures));
     text += &super::measure::verdict(outcome.met, job.checked.reference.max_error);
     if let Some(remedy) = figures.choice.as_ref().and_then(|choice| choice.remedy.as_ref()) {
         text += &format!("\n  the target is not met; what would help most: {remedy}");

@@ -75,11 +75,16 @@ pub(super) fn character(input: &ReportInput<'_>) -> String {
     } else {
         String::new()
     };
+    let own = input.model.parameters;
+    let parameters = match c.parameters {
+        all if all == own => own.to_string(),
+        all => format!("{own}, of {all} in the data set"),
+    };
     let entries = [
         ("Vertices", vertices),
         ("Triangles", count(c.triangles as u64)),
         ("Joints", format!("{}{morphs}", c.joints)),
-        ("Pose parameters", c.parameters.to_string()),
+        ("Pose parameters", parameters),
         ("Size", format!("{}\u{a0}m (diagonal of the rest pose)", number(f64::from(c.size_m), 3))),
         (
             "Training",
