@@ -221,12 +221,16 @@ impl FitCommandArgs {
         self.parametrisation.map(Into::into)
     }
 
-    /// Edits the recipe of the data set, whose own target gives way to a model that is named here.
+    /// Edits the recipe of the data set, whose own target gives way to one that is stated here, and to a model
+    /// that is named here.
     pub(crate) fn edit(&self, recipe: &mut Recipe) {
         recipe.target.choose = ChooseName::Nothing;
-        if self.names_model() {
-            let target = &mut recipe.target;
+        let target = &mut recipe.target;
+        if self.states_target() || self.names_model() {
             (target.max_bytes, target.max_us, target.max_fit_s) = (None, None, None);
+        }
+        if self.states_target() {
+            target.max_error = None;
         }
         self.fit.edit(recipe);
         self.measure.edit(recipe);

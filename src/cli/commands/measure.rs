@@ -78,7 +78,7 @@ fn remark(figures: &Figures) -> String {
     };
     let of = |name: &str| split.candidates.iter().find(|c| c.name == name)?.coefficients.rms;
     match (of(&measured.model), of("mean")) {
-        (Some(model), Some(mean)) if measured.model != "mean" && model >= mean => format!(
+        (Some(model), Some(mean)) if figures.model.family != "mean" && model >= mean => format!(
             "\non {} motion this model is no better than the mean alone: {}",
             split.split.name(),
             advice(&figures.model.family, figures.choice.is_some()),
