@@ -225,7 +225,7 @@ fn bad_requests_are_named() {
     fs::write(studio.path("noise.glb"), b"this is no scene").expect("written");
     fs::write(studio.path("noise.png"), b"\x89PNG").expect("written");
     fs::write(studio.path("bad.json"), br#"{"version": 1, "bake": {"rayz": 5}}"#).expect("written");
-    let cases: [(&[&str], i32, &str); 16] = [
+    let cases: [(&[&str], i32, &str); 21] = [
         (&["bake", "figure.glb", "-o", "d", "--order", "11"], 2, "bake.order"),
         (&["bake", "figure.glb", "-o", "d", "--order", "0"], 2, "bake.order"),
         (&["bake", "figure.glb", "-o", "d", "--rays", "0"], 2, "bake.rays"),
@@ -243,13 +243,18 @@ fn bad_requests_are_named() {
             "figure.glb",
         ),
         (&["bake", "figure.glb", "-o", "d", "--recipe", "bad.json"], 2, "rayz"),
-        (&["fit", "figure.glb", "-o", "m"], 1, "figure.glb"),
+        (&["fit", "figure.glb", "-o", "d.safetensors"], 1, "figure.glb"),
         (&["bake", "figure.glb"], 2, "--output"),
         (&["bake", "figure.glb", "-o", "d", "--signal", "ao", "--order", "9"], 2, "bake.order"),
         (&["bake", "figure.glb", "-o", "d", "--dry-run", "--from", "e"], 2, "--from"),
         (&["run", "figure.glb", "-o", "d", "--alpha", "3"], 2, "fit.alpha"),
         (&["run", "figure.glb", "-o", "d", "--family", "mean", "--inputs", "8"], 2, "fit.inputs"),
         (&["bake", "noise.png", "-o", "d"], 1, "nor a vertex sequence (.npz)"),
+        (&["fit", "d.zarr", "-o", "figure.glb"], 2, "figure.safetensors, not figure.glb"),
+        (&["fit", "a.safetensors", "-o", "./a.safetensors"], 2, "replace the data set"),
+        (&["rebind", "m.safetensors", "figure.glb", "-o", "m.safetensors"], 2, "replace the model"),
+        (&["rebind", "m.safetensors", "figure.glb", "-o", "figure.glb"], 2, "a .safetensors file"),
+        (&["rebind", "m", "figure.glb", "-o", "d", "--tolerance", "-1"], 2, "a share, 0 to 1"),
     ];
     for (words, expected, evidence) in cases {
         let (status, message) = studio.fail(words);
@@ -258,6 +263,39 @@ fn bad_requests_are_named() {
         assert!(!message.contains("panicked"), "{words:?}: {message}");
         assert!(!studio.path("d").exists(), "{words:?} left something behind");
     }
+}
+
+/// A trade-off refuses beforehand what it cannot try: nothing is baked, measured or written.
+#[test]
+fn a_trade_off_refuses_before_its_work() {
+    let studio = Studio::new();
+    studio.succeed(&bake("d.zarr", &["--signal", "ao"]));
+    let before = tree(&studio.path("d.zarr"));
+    fs::write(studio.path("file"), b"").expect("written");
+    for (flags, expected, evidence) in [
+        (&["--poses", "0"][..], 2, "0 training poses cannot be tried"),
+        (&["--poses", "100000"], 2, "100000 training poses cannot be tried"),
+        (&["--rays", "0"], 2, "0 rays per point cannot be tried"),
+        (&["--orders", "9"], 2, "9 bands cannot be tried"),
+        (&["--poses", "1", "--family", "multilinear"], 1, "training poses vary in 0"),
+        (&["--family", "linear"], 2, "--family names the model that --rays"),
+        (&["--only", "mean", "--only", "nosuch"], 2, "no candidate has `nosuch` in its name"),
+        (&["--only", "mean", "-o", "file"], 1, "could not write to file"),
+    ] {
+        let (status, message) = studio.fail(&[&["tradeoff", "d.zarr", "-o", "to"], flags].concat());
+        assert_eq!(status, expected, "{flags:?}: {message}");
+        assert!(message.contains(evidence), "{flags:?}: {message}");
+        assert!(!studio.path("to").exists(), "{flags:?} left something behind");
+    }
+    assert!(before == tree(&studio.path("d.zarr")), "references were baked");
+    let words = ["tradeoff", "d.zarr", "-o", "to", "--only", "mean", "--reference-poses", "1"];
+    let missed = studio.run(&[&words[..], &["--max-error", "1e-9"]].concat());
+    let told = text(&missed.stdout);
+    assert_eq!(missed.status.code(), Some(3), "{told}");
+    assert!(told.contains("MISSED by all; mean"), "{told}");
+    studio.succeed(&[&words[..], &["--max-error", "0.9", "--orders", "1"]].concat());
+    let page = fs::read_to_string(studio.path("to/report.html")).expect("written");
+    assert!(page.contains("Rays, poses and order"), "the page tells what less would do");
 }
 
 /// A data set of another recipe is not continued; a damaged chunk is named.
@@ -429,18 +467,31 @@ fn a_regression_is_told() {
 #[test]
 fn a_target_chooses_or_ends_with_status_3() {
     let studio = Studio::new();
+    // What a run leaves to its target its data set states; a model that is named for a fit goes before it, and so
+    // does a target, here without the bound that nothing meets.
+    let stated = r#"{"version": 1, "target": {"choose": "any", "max_us": 1e-3}}"#;
+    fs::write(studio.path("stated.json"), stated).expect("written");
     let coarse = ["--signal", "ao", "--rays", "4", "--fps", "2", "--hold-out", "jump"];
-    studio.succeed(&[&["bake", "figure.glb", "-o", "d.zarr"], &coarse[..]].concat());
+    let recipe = ["--recipe", "stated.json"];
+    studio.succeed(&[&["bake", "figure.glb", "-o", "d.zarr"], &coarse[..], &recipe].concat());
+    let named = ["--json", "fit", "d.zarr", "-o", "named.safetensors"];
+    for flags in [&["--family", "linear"][..], &["--inputs", "3", "--precision", "f16"]] {
+        let named = studio.succeed(&[&named[..], flags].concat());
+        let named: Value = serde_json::from_slice(&named.stdout).expect("one object");
+        assert!(named["fit"]["bytes"].is_u64(), "fitted as it was named, not chosen: {named}");
+    }
     let words = ["--json", "fit", "d.zarr", "--family", "linear", "--reference-poses", "1"];
-    let met = studio.succeed(&[&words[..], &["-o", "met.st", "--max-error", "0.5"]].concat());
+    let met =
+        studio.succeed(&[&words[..], &["-o", "met.safetensors", "--max-error", "0.5"]].concat());
     let met: Value = serde_json::from_slice(&met.stdout).expect("one object");
     assert_eq!((&met["met"], &met["remedy"]), (&Value::Bool(true), &Value::Null));
     assert_eq!(met["chosen"]["precision"], "i8", "the smallest that meets it: {met}");
-    let missed = studio.run(&[&words[1..], &["-o", "missed.st", "--max-error", "1e-7"]].concat());
+    let missed =
+        studio.run(&[&words[1..], &["-o", "missed.safetensors", "--max-error", "1e-7"]].concat());
     let told = text(&missed.stdout);
     assert_eq!(missed.status.code(), Some(3), "{told}");
     assert!(told.contains("the target is not met; what would help most:"), "{told}");
-    assert!(studio.path("missed.st").is_file(), "the best that was reached is kept");
+    assert!(studio.path("missed.safetensors").is_file(), "the best that was reached is kept");
 }
 
 /// A run refines the mesh first where that is asked for: data set and model are of the refined scene,

@@ -95,6 +95,11 @@ impl Target {
         }
     }
 
+    /// With an error so much larger as one may be off that is estimated from some of the points.
+    pub(crate) fn perhaps(&self) -> Self {
+        Self { max_error: self.max_error.map(|most| most * (1.0 + DOUBT)), ..*self }
+    }
+
     /// By how much its costs exceed what they may be: the worst ratio, at least 1.
     fn excess(&self, point: &Point) -> f64 {
         let ratio = |cost: f64, most: Option<f64>| most.map_or(1.0, |most| cost / most);

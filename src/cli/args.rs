@@ -342,6 +342,11 @@ pub(super) fn set<T>(field: &mut T, flag: Option<impl Into<T>>) {
 }
 
 impl PoseFlags {
+    /// How a pose becomes numbers, where that is said.
+    pub(crate) fn parametrisation(&self) -> Option<ParametrisationName> {
+        self.parametrisation.map(Into::into)
+    }
+
     /// Edits the recipe's poses.
     pub(crate) fn edit(&self, recipe: &mut Recipe) {
         let poses = &mut recipe.poses;

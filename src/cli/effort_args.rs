@@ -25,12 +25,15 @@ pub(crate) struct EffortFlags {
 }
 
 impl EffortFlags {
+    /// A flag that says which model less is tried with.
+    pub(crate) fn family_flag(&self) -> Option<&'static str> {
+        self.family.map(|_| "--family")
+    }
+
     /// What is tried; the recipe becomes that of the model.
     pub(crate) fn edit(&self, recipe: &mut Recipe) -> Efforts {
         set(&mut recipe.fit.family, self.family);
-        if self.family.is_some() {
-            forget_other_sizes(&mut recipe.fit);
-        }
+        forget_other_sizes(&mut recipe.fit);
         let Self { rays, poses, orders, .. } = self;
         Efforts { rays: rays.clone(), poses: poses.clone(), orders: orders.clone() }
     }

@@ -6,7 +6,10 @@ use clap::{Args, ValueEnum};
 
 use super::args::{MeasureFlags, ParametrisationArg, names, set};
 use crate::pipeline::forget_other_sizes;
-use crate::pipeline::recipe::{FamilyName, FrameName, OnName, PrecisionName, Recipe, RidgeName};
+use crate::pipeline::recipe::{
+    ChooseName, FamilyName, FrameName, OnName, ParametrisationName, PrecisionName, Recipe,
+    RidgeName,
+};
 
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Fit")]
@@ -208,13 +211,31 @@ impl FitCommandArgs {
         self.fit.names_family()
     }
 
-    /// Edits the recipe of the data set.
+    /// Whether the command line says which model it is, and leaves no target to choose it.
+    pub(crate) fn names_model(&self) -> bool {
+        !self.states_target() && (self.names_family() || self.chosen_flag().is_some())
+    }
+
+    /// How a pose becomes numbers, where that is said.
+    pub(crate) fn parametrisation(&self) -> Option<ParametrisationName> {
+        self.parametrisation.map(Into::into)
+    }
+
+    /// Edits the recipe of the data set, whose own target gives way to one that is stated here, and to a model
+    /// that is named here.
     pub(crate) fn edit(&self, recipe: &mut Recipe) {
+        recipe.target.choose = ChooseName::Nothing;
+        let target = &mut recipe.target;
+        if self.states_target() || self.names_model() {
+            (target.max_bytes, target.max_us, target.max_fit_s) = (None, None, None);
+        }
+        if self.states_target() {
+            target.max_error = None;
+        }
         self.fit.edit(recipe);
         self.measure.edit(recipe);
         self.limits.edit(recipe);
-        recipe.fit.parametrisation =
-            self.parametrisation.map(Into::into).or(recipe.fit.parametrisation);
+        recipe.fit.parametrisation = self.parametrisation().or(recipe.fit.parametrisation);
     }
 }
 
@@ -254,6 +275,8 @@ impl FitFlags {
     /// Edits the recipe's fit, target and precision.
     pub(crate) fn edit(&self, recipe: &mut Recipe) {
         let fit = &mut recipe.fit;
+        fit.unshadowed = self.unshadowed.or(fit.unshadowed);
+        set(&mut fit.frame, self.frame);
         if self.family.is_some() {
             set(&mut fit.family, self.family);
             forget_other_sizes(fit);
@@ -270,12 +293,10 @@ impl FitFlags {
         set(&mut fit.blend_exponent, self.blend_exponent);
         fit.reach = self.reach.or(fit.reach);
         fit.include_rest |= self.include_rest;
-        fit.unshadowed = self.unshadowed.or(fit.unshadowed);
         fit.local = self.local.or(fit.local);
         fit.spheres = self.spheres.or(fit.spheres);
         fit.directions = self.directions.or(fit.directions);
         fit.groups = self.groups.or(fit.groups);
-        set(&mut fit.frame, self.frame);
         if let Some(ridge) = self.ridge {
             fit.ridge = ridge.into();
             // Of another choice of the ridge; this one's comes below.

@@ -130,7 +130,10 @@ fn status(error: &anyhow::Error) -> u8 {
         cause.is::<RecipeError>()
             || cause.is::<commands::UnreadRecipe>()
             || cause.is::<commands::Usage>()
-            || matches!(cause.downcast_ref(), Some(pipeline::Error::Recipe(_)))
+            || matches!(
+                cause.downcast_ref(),
+                Some(pipeline::Error::Recipe(_) | pipeline::Error::Effort { .. })
+            )
     });
     if usage { 2 } else { 1 }
 }

@@ -12,7 +12,10 @@ pub(super) fn bytes(count: u64) -> String {
     if unit == 0 { format!("{count} B") } else { format!("{value:.1} {}", UNITS[unit]) }
 }
 
-/// Bytes as people write them: a number, whole or not, and a unit, of a thousand or (`KiB`) of 1024.
+/// More than this, a pebibyte, is a slip of the finger.
+const MOST_BYTES: f64 = (1_u64 << 50) as f64;
+
+/// Bytes as people write them: a number and a unit, of a thousand or (`KiB`) of 1024, whose parts round down.
 pub(super) fn parse_bytes(text: &str) -> Result<u64, String> {
     const UNITS: [(&str, f64); 8] = [
         ("", 1.0),
@@ -28,9 +31,16 @@ pub(super) fn parse_bytes(text: &str) -> Result<u64, String> {
     let end = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());
     let unit = text[end..].trim().to_ascii_lowercase();
     let unit = UNITS.iter().find(|(name, _)| *name == unit);
+    let told =
+        "it must be a whole number of bytes of at most 1024 TiB, such as 300000, 300kB or 1.5MiB";
     match (text[..end].parse::<f64>(), unit) {
-        (Ok(number), Some((_, bytes))) if number * bytes >= 1.0 => Ok((number * bytes) as u64),
-        _ => Err("it must be a number of bytes, such as 300000, 300kB or 1.5MiB".to_owned()),
+        (Ok(number), Some((_, bytes))) => {
+            let sound = (1.0..=MOST_BYTES).contains(&(number * bytes));
+            // A byte has no parts.
+            let whole = *bytes > 1.0 || number.fract() == 0.0;
+            if sound && whole { Ok((number * bytes) as u64) } else { Err(told.to_owned()) }
+        }
+        _ => Err(told.to_owned()),
     }
 }
 
@@ -75,7 +85,10 @@ mod tests {
         assert_eq!(parse_bytes("300000"), Ok(300_000));
         assert_eq!(parse_bytes("300kB"), Ok(300_000));
         assert_eq!(parse_bytes(" 1.5 MiB"), Ok(3 << 19));
-        for wrong in ["", "0", "kB", "-5", "3 apples", "1e5", "1.2.3MB"] {
+        assert_eq!((parse_bytes("1.5b").is_err(), parse_bytes("0.7 KiB")), (true, Ok(716)));
+        let large = ["99999999999999999999", "2000000GiB"];
+        for wrong in ["", "0", "kB", "-5", "3 apples", "1e5", "1.2.3MB", "1.5"].iter().chain(&large)
+        {
             assert!(parse_bytes(wrong).expect_err(wrong).contains("300kB"));
         }
         assert_eq!(seconds(0.0123), "12.3 ms");

@@ -57,7 +57,7 @@ pub enum Kind {
     Model,
     /// What the model must beat: the mean over training poses.
     Baseline,
-    /// The model stored at another precision; its difference from the model is measured too.
+    /// The model stored at another precision; what storing it so adds is measured too.
     Precision,
     /// Another model on the same poses.
     Other,
@@ -88,6 +88,9 @@ pub struct Settings {
     /// What is compared, in the order in which every [`Case`] brings it. The first precision or
     /// other candidate needs no special place; exactly one is [`Kind::Model`].
     pub candidates: Vec<Candidate>,
+    /// Index of the most precise of the model and its other precisions, to which the others' differences are
+    /// taken; the model when absent.
+    pub exact: Option<usize>,
     /// Seconds between frames of a clip. Two poses of one clip at most 1.5 times this apart, fed
     /// one after the other, are consecutive frames for the flicker. 1/30 by default of the recipe.
     pub frame_s: f32,

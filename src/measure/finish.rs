@@ -9,7 +9,7 @@ use super::measured::{
 use super::measurement::{Group, Measurement};
 use super::rows::Track;
 use super::tally::{PairRow, PoseRow, Tally};
-use super::{Candidate, Kind, Settings, Signal, Split, lights};
+use super::{Candidate, Settings, Signal, Split, lights};
 use crate::num::stats::Distribution;
 
 /// The split that a headline speaks of, the most telling first.
@@ -167,7 +167,7 @@ impl<'a> View<'a> {
                 self.mean(tally, |p| p.mse).value
             }),
             worst: self.worst(tally),
-            added: (kind == Kind::Precision).then(|| self.added(index)),
+            added: self.added(index),
             frame_ao_mae: self.sorted.iter().map(|&i| tally.poses[i].ao_mae).collect(),
             frame_mean_square: self.sorted.iter().map(|&i| tally.poses[i].mse).collect(),
         }
@@ -237,17 +237,19 @@ impl<'a> View<'a> {
         })
     }
 
-    fn added(&self, index: usize) -> Added {
-        let model = self.measurement.model;
-        let tally = self.tally(Track::Added(index, model));
+    /// What storing a candidate less precisely adds.
+    fn added(&self, index: usize) -> Option<Added> {
+        let exact = self.measurement.exact;
+        let track = Track::Added(index, exact);
+        let tally = self.measurement.tracks.contains(&track).then(|| self.tally(track))?;
         let mse = |i| self.mean(self.tally(Track::Candidate(i)), |p| p.mse).value;
-        let (with, without) = (mse(index), mse(model));
-        Added {
+        let (with, without) = (mse(index), mse(exact));
+        Some(Added {
             coefficient_rms: self.mean(tally, |p| p.mse).value.sqrt(),
             ao_mae: self.mean(tally, |p| p.ao_mae).value,
             ao_max: tally.ao.magnitude_quantile(1.0).unwrap_or(0.0),
             mean_square_growth: (without > 0.0).then(|| (with - without) / without),
-        }
+        })
     }
 
     fn worst(&self, tally: &Tally) -> Option<Worst> {

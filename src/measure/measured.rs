@@ -156,7 +156,8 @@ pub struct CandidateMeasured {
     pub residual: Residual,
     /// Where and when it is worst; `null` without poses.
     pub worst: Option<Worst>,
-    /// What storing at this precision adds; `null` unless the kind is `precision`.
+    /// What storing at this precision adds to the most precise of the model and its other precisions; `null` of that
+    /// one, and of what is no storage of the model.
     pub added: Option<Added>,
     /// Mean |error| of ambient occlusion per pose, parallel to the split's `frames`.
     pub frame_ao_mae: Vec<f64>,
@@ -301,8 +302,8 @@ pub struct Added {
     pub ao_mae: f64,
     /// Largest |difference| of ambient occlusion.
     pub ao_max: f64,
-    /// Relative growth of the coefficients' mean square error against the model's; `null` where
-    /// either is lost in the noise.
+    /// Relative growth of the coefficients' mean square error against the most precise one's; `null`
+    /// where either is lost in the noise.
     pub mean_square_growth: Option<f64>,
 }
 

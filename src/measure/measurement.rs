@@ -22,6 +22,8 @@ pub struct Measurement {
     pub(super) probes: Probes,
     /// Index of the model among the candidates.
     pub(super) model: usize,
+    /// Index of the candidate that differences in precision are taken to.
+    pub(super) exact: usize,
     pub(super) tracks: Vec<Track>,
     /// Clip names in order of appearance.
     pub(super) clips: Vec<String>,
@@ -71,13 +73,17 @@ impl Measurement {
         let model = settings.checked_model()?;
         let mut tracks = vec![Track::Reference, Track::Noise];
         tracks.extend((0..settings.candidates.len()).map(Track::Candidate));
-        let precision = |i: &usize| settings.candidates[*i].kind == Kind::Precision;
-        let added = (0..settings.candidates.len()).filter(precision);
-        tracks.extend(added.map(|i| Track::Added(i, model)));
+        let exact = settings.exact.unwrap_or(model);
+        let stored = |i: &usize| {
+            *i != exact && matches!(settings.candidates[*i].kind, Kind::Model | Kind::Precision)
+        };
+        let added = (0..settings.candidates.len()).filter(stored);
+        tracks.extend(added.map(|i| Track::Added(i, exact)));
         Ok(Self {
             probes: Probes::new(settings.signal, settings.order),
             settings,
             model,
+            exact,
             tracks,
             clips: Vec::new(),
             groups: BTreeMap::new(),

@@ -27,6 +27,7 @@ fn settings(signal: Signal, bands: u8, points: usize) -> Settings {
         parts: Vec::new(),
         candidates: vec![candidate("model", Kind::Model)],
         frame_s: 0.1,
+        exact: None,
         on_trained: false,
         reference_rays: Some(4000),
     }
@@ -283,6 +284,34 @@ fn precision_and_baseline_stand_beside_the_model() {
     assert_eq!((model.added, mean.added), (None, None));
     let rms = |c: &CandidateMeasured| c.coefficients.rms.unwrap();
     assert!((rms(model) - 0.01).abs() < 1e-3 && (rms(mean) - 0.7).abs() < 0.05);
+}
+
+/// Where the model is stored less precisely than another of its precisions, what that adds stands at the model and
+/// is taken to the most precise one, which adds nothing.
+#[test]
+fn what_a_coarse_model_adds_is_its_own() {
+    let mut settings = settings(Signal::Ao, 1, 100);
+    settings.candidates.push(candidate("f32", Kind::Precision));
+    settings.candidates.push(candidate("f16", Kind::Precision));
+    settings.exact = Some(1);
+    let mut measurement = Measurement::new(settings).unwrap();
+    for pose in 0..4 {
+        let truth: Vec<f32> = (0..100).map(|i| ((i + pose * 7) as f32).sin()).collect();
+        let off = |by: f32| -> Vec<f32> { truth.iter().map(|x| x + by).collect() };
+        let (coarse, exact, half) = (off(0.02), off(0.01), off(0.012));
+        let (references, split) = ([&truth[..], &truth[..]], Split::Novel);
+        let candidates = [&coarse[..], &exact, &half];
+        feed(
+            &mut measurement,
+            &Shot { pose, clip: "c", split, references, candidates: &candidates },
+        );
+    }
+    let measured = measurement.finish();
+    let [coarse, exact, half] = &measured.splits[0].candidates[..] else { panic!("three") };
+    let added = |c: &CandidateMeasured| c.added.unwrap().coefficient_rms;
+    assert!((added(coarse) - 0.01).abs() < 1e-6 && (added(half) - 0.002).abs() < 1e-6);
+    assert_eq!(exact.added, None);
+    assert!((coarse.added.unwrap().mean_square_growth.unwrap() - 3.0).abs() < 1e-3);
 }
 
 /// The headline is of the most demanding motion that was measured; of a model for the trained clips it is of

@@ -86,7 +86,7 @@ impl Checked {
             bake: checked_bake(&recipe.bake)?,
             noises: checked_noises(&recipe.bake)?,
             subsurface: checked_subsurface(&recipe.bake)?,
-            fit: checked_fit(&recipe.fit, recipe.target.on)?,
+            fit: checked_fit(recipe)?,
             precision: precision(recipe.output.precision),
             reference: checked_reference(&recipe.target)?,
         })
@@ -127,7 +127,8 @@ fn checked_poses(poses: &PosesRecipe) -> Result<pose::Settings, RecipeError> {
     })
 }
 
-fn checked_fit(fit: &FitRecipe, on: OnName) -> Result<fit::Settings, RecipeError> {
+fn checked_fit(recipe: &Recipe) -> Result<fit::Settings, RecipeError> {
+    let fit = &recipe.fit;
     let inputs = fit.inputs.unwrap_or(DEFAULT_INPUTS);
     let outputs = fit.outputs.unwrap_or(DEFAULT_OUTPUTS);
     for (field, size) in [("fit.inputs", inputs), ("fit.outputs", outputs)] {
@@ -162,8 +163,8 @@ fn checked_fit(fit: &FitRecipe, on: OnName) -> Result<fit::Settings, RecipeError
             return Err(error("fit.alpha", "absent", "a fixed ridge needs it"));
         }
     };
-    let frame = frame::checked_frame(fit)?;
-    let on = match on {
+    let frame = frame::checked_frame(fit, recipe.bake.signal)?;
+    let on = match recipe.target.on {
         OnName::Novel => fit::On::Novel,
         OnName::Trained => fit::On::Trained,
     };
@@ -221,11 +222,12 @@ fn directions(fit: &FitRecipe) -> Result<usize, RecipeError> {
 }
 
 fn clustered(fit: &FitRecipe, form: model::Form) -> Result<fit::Family, RecipeError> {
-    for (field, count, most) in
-        [("fit.clusters", fit.clusters, 4096), ("fit.neurons", fit.neurons, 256)]
-    {
+    for (field, count, most, expected) in [
+        ("fit.clusters", fit.clusters, 4096, "it must be 1 to 4096"),
+        ("fit.neurons", fit.neurons, 256, "it must be 1 to 256"),
+    ] {
         if let Some(count) = count {
-            require((1..=most).contains(&count), field, count, "it must be 1 or more, in reason")?;
+            require((1..=most).contains(&count), field, count, expected)?;
         }
     }
     let kept = |count: Option<u32>, share: Option<f64>, default: f64| match (count, share) {
@@ -414,6 +416,20 @@ mod tests {
         assert_eq!(fault(|r| r.target.max_error = Some(0.0)), "target.max_error");
         assert_eq!(fault(|r| r.target.max_bytes = Some(0)), "target.max_bytes");
         assert_eq!(fault(|r| r.target.max_us = Some(f64::NAN)), "target.max_us");
+    }
+
+    /// The sentence about too many clusters or neurons says how many there may be.
+    #[test]
+    fn bounds_of_clusters_are_told() {
+        let many = |clusters, neurons| {
+            let mut recipe = Recipe::default();
+            let fit = &mut recipe.fit;
+            (fit.family, fit.clusters, fit.neurons) =
+                (FamilyName::ClusteredTanh, clusters, neurons);
+            Checked::new(&recipe).expect_err("must be refused").to_string()
+        };
+        assert!(many(Some(6650), None).contains("`fit.clusters` is 6650; it must be 1 to 4096"));
+        assert!(many(None, Some(257)).contains("`fit.neurons` is 257; it must be 1 to 256"));
     }
 
     /// Noises of further rounds are positive and each below the one before; a vertex fit takes none.

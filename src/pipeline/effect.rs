@@ -6,10 +6,12 @@
 
 use std::fmt::Display;
 
+use serde::Serialize;
+
 use super::RecipeError;
 use super::recipe::{
-    BakeRecipe, ChooseName, FamilyName, FitRecipe, FrameName, OnName, Recipe, RidgeName,
-    SignalName, TargetRecipe,
+    BakeRecipe, ChooseName, FamilyName, FitRecipe, FrameName, OnName, ParametrisationName,
+    PoseChoiceName, PosesRecipe, Recipe, RidgeName, SignalName, TargetRecipe,
 };
 
 /// Refuses settings without effect in a job that bakes and fits as the recipe says.
@@ -17,19 +19,21 @@ use super::recipe::{
 /// # Errors
 /// The first field that changes nothing, with the reason.
 pub fn effective(recipe: &Recipe) -> Result<(), RecipeError> {
+    poses(&recipe.poses)?;
     bake(&recipe.bake)?;
-    let mut fit = recipe.fit.clone();
+    let mut asked = recipe.clone();
     // Of a choice among all families it asks those that look at the mesh.
-    fit.include_rest &= recipe.target.choose != ChooseName::Any;
-    effective_fit(&fit, recipe.target.on)?;
+    asked.fit.include_rest &= recipe.target.choose != ChooseName::Any;
+    effective_fit(&asked)?;
     no_choice(&recipe.target)
 }
 
-/// Refuses sizes and options that the family of a fit does not have.
+/// Refuses sizes and options that the family or the signal of a recipe's fit does not have.
 ///
 /// # Errors
 /// The first field that changes nothing, with the reason.
-pub fn effective_fit(fit: &FitRecipe, on: OnName) -> Result<(), RecipeError> {
+pub fn effective_fit(recipe: &Recipe) -> Result<(), RecipeError> {
+    let fit = &recipe.fit;
     for Stated { field, found, families, .. } in stated(fit) {
         if !families.contains(&fit.family) {
             let found = format!("{found} with the family {}", fit.family);
@@ -44,7 +48,31 @@ pub fn effective_fit(fit: &FitRecipe, on: OnName) -> Result<(), RecipeError> {
              looks at the mesh";
         return Err(RecipeError { field, found, expected });
     }
-    regularisation(fit, on)
+    if recipe.bake.signal == SignalName::Ao {
+        // The root's is what models of it say of themselves.
+        let stated = (fit.frame == FrameName::Tangent).then_some("tangent");
+        absent("fit.frame", stated, "the signal ao is one number, which no frame turns")?;
+    }
+    regularisation(fit, recipe.target.on)
+}
+
+/// Refuses parameters that a sequence of meshes does not have, where somebody states them.
+///
+/// # Errors
+/// `poses.parametrisation`.
+pub fn effective_parametrisation(
+    stated: Option<ParametrisationName>,
+    is_sequence: bool,
+) -> Result<(), RecipeError> {
+    let stated = stated.filter(|&name| is_sequence && name != ParametrisationName::Dihedral);
+    let expected =
+        "a sequence of meshes has no joints, so that its folds are its parameters: leave it out";
+    absent("poses.parametrisation", stated.map(name), expected)
+}
+
+/// A value as the recipe writes it.
+fn name(value: impl Serialize) -> String {
+    serde_json::to_string(&value).unwrap_or_default().trim_matches('"').to_owned()
 }
 
 /// Whether evaluating the model takes the posed mesh.
@@ -53,13 +81,14 @@ pub(super) fn looks_at_mesh(fit: &FitRecipe) -> bool {
 }
 
 /// Puts every size and option that the recipe's family does not have back to its default: whoever
-/// names another family means that family's own.
+/// names another family means that family's own. The mesh at rest goes with none that does not look at it.
 pub fn forget_other_sizes(fit: &mut FitRecipe) {
     let family = fit.family;
     let others: Vec<_> = stated(fit).filter(|s| !s.families.contains(&family)).collect();
     for other in others {
         (other.forget)(fit);
     }
+    fit.include_rest &= looks_at_mesh(fit);
 }
 
 /// A field that a recipe states, and the families that have it.
@@ -94,6 +123,7 @@ fn stated(fit: &FitRecipe) -> impl Iterator<Item = Stated> {
     let share = |value: Option<f64>| value.map(|v| v.to_string());
     let exponent = Some(fit.blend_exponent).filter(|&e| e != default.blend_exponent);
     let published = fit.published.then(|| "true".to_owned());
+    let ridge = Some(fit.ridge).filter(|&ridge| ridge != default.ridge).map(name);
     let fields = [
         one("fit.inputs", text(fit.inputs), INPUTS, |f| f.inputs = None),
         one("fit.outputs", text(fit.outputs), OUTPUTS, |f| f.outputs = None),
@@ -119,6 +149,7 @@ fn stated(fit: &FitRecipe) -> impl Iterator<Item = Stated> {
         one("fit.alpha", share(fit.alpha), RIDGES, |f| {
             (f.alpha, f.ridge) = (None, FitRecipe::default().ridge);
         }),
+        one("fit.ridge", ridge, RIDGES, |f| f.ridge = FitRecipe::default().ridge),
     ];
     fields.into_iter().flatten()
 }
@@ -145,9 +176,18 @@ fn regularisation(fit: &FitRecipe, on: OnName) -> Result<(), RecipeError> {
         absent("fit.alpha", fit.alpha, "only the ridge `fixed` takes it")?;
     }
     if on == OnName::Trained {
-        absent("fit.alpha", fit.alpha, "a model of the trained motion is not regularised")?;
+        let expected = "a model of the trained motion is not regularised";
+        absent("fit.alpha", fit.alpha, expected)?;
+        let stated = Some(fit.ridge).filter(|&ridge| ridge != FitRecipe::default().ridge);
+        absent("fit.ridge", stated.map(name), expected)?;
     }
     Ok(())
+}
+
+fn poses(poses: &PosesRecipe) -> Result<(), RecipeError> {
+    let stated = Some(poses.choice).filter(|&choice| choice != PoseChoiceName::Distance);
+    let stated = stated.filter(|_| poses.most.is_none()).map(name);
+    absent("poses.choice", stated, "only `poses.most` (--most-poses) chooses among poses by it")
 }
 
 fn bake(bake: &BakeRecipe) -> Result<(), RecipeError> {
@@ -187,20 +227,22 @@ mod tests {
     use super::*;
     use FamilyName::Mean;
 
+    fn fault(edit: &dyn Fn(&mut Recipe)) -> Option<&'static str> {
+        let mut recipe = Recipe::default();
+        edit(&mut recipe);
+        effective(&recipe).err().map(|error| error.field)
+    }
+
+    fn family(family: FamilyName, edit: fn(&mut FitRecipe)) -> Option<&'static str> {
+        fault(&move |r: &mut Recipe| {
+            r.fit.family = family;
+            edit(&mut r.fit);
+        })
+    }
+
     /// Each setting that would change nothing is named, and the one beside it that does is not.
     #[test]
     fn what_changes_nothing_is_refused() {
-        let fault = |edit: &dyn Fn(&mut Recipe)| {
-            let mut recipe = Recipe::default();
-            edit(&mut recipe);
-            effective(&recipe).err().map(|error| error.field)
-        };
-        let family = |family, edit: fn(&mut FitRecipe)| {
-            fault(&move |r: &mut Recipe| {
-                r.fit.family = family;
-                edit(&mut r.fit);
-            })
-        };
         assert_eq!(fault(&|_| ()), None);
         let order =
             |signal, order| fault(&move |r| (r.bake.signal, r.bake.order) = (signal, order));
@@ -249,6 +291,46 @@ mod tests {
         assert_eq!(fault(&|r| r.target.max_bytes = Some(1)), Some("target.max_bytes"));
     }
 
+    /// So is a ridge of what has none, a frame of one number, and a way to choose poses that chooses none.
+    #[test]
+    fn ways_without_effect_are_refused() {
+        let left_out = |f: &mut FitRecipe| f.ridge = RidgeName::LeaveOneOut;
+        assert_eq!((family(Linear, left_out), family(ClusteredTanh, left_out)), {
+            (None, Some("fit.ridge"))
+        });
+        assert_eq!(family(Mean, left_out), Some("fit.ridge"));
+        let left_out = |r: &mut Recipe| {
+            (r.fit.ridge, r.target.on) = (RidgeName::LeaveOneOut, OnName::Trained);
+        };
+        assert_eq!(fault(&left_out), Some("fit.ridge"));
+        let frame = |signal, frame| fault(&move |r| (r.bake.signal, r.fit.frame) = (signal, frame));
+        assert_eq!(frame(SignalName::Ao, FrameName::Tangent), Some("fit.frame"));
+        assert_eq!(frame(SignalName::Ao, FrameName::Root), None);
+        assert_eq!(frame(SignalName::Transfer, FrameName::Tangent), None);
+        let choice = |most| {
+            fault(&move |r| (r.poses.choice, r.poses.most) = (PoseChoiceName::PredictedError, most))
+        };
+        assert_eq!((choice(None), choice(Some(8))), (Some("poses.choice"), None));
+    }
+
+    /// Joints are parameters of what has some: of a sequence of meshes they are refused by name.
+    #[test]
+    fn a_sequence_has_no_joints() {
+        use ParametrisationName::{Dihedral, Handles, JointAngles};
+        for (stated, is_sequence, sound) in [
+            (Some(JointAngles), true, false),
+            (Some(Handles), true, false),
+            (Some(Dihedral), true, true),
+            (None, true, true),
+            (Some(Handles), false, true),
+        ] {
+            let found = effective_parametrisation(stated, is_sequence);
+            assert_eq!(found.is_ok(), sound, "{stated:?}: {found:?}");
+        }
+        let told = effective_parametrisation(Some(JointAngles), true).expect_err("no effect");
+        assert!(told.to_string().contains("is joint-angles; a sequence of meshes has no joints"));
+    }
+
     /// Another family forgets what it does not have, and nothing else.
     #[test]
     fn another_family_has_its_own_sizes() {
@@ -258,6 +340,7 @@ mod tests {
         assert_eq!((fit.inputs, fit.outputs), (Some(8), None));
         fit.family = Mean;
         (fit.ridge, fit.alpha) = (RidgeName::Fixed, Some(2.0));
+        fit.include_rest = true;
         forget_other_sizes(&mut fit);
         assert_eq!(fit, FitRecipe { family: Mean, ..FitRecipe::default() });
     }
@@ -265,13 +348,15 @@ mod tests {
     /// The sentence says what to do.
     #[test]
     fn the_sentence_can_be_acted_on() {
-        let fit = FitRecipe { alpha: Some(3.0), ..FitRecipe::default() };
-        let told = effective_fit(&fit, OnName::Novel).expect_err("no effect").to_string();
-        assert_eq!(told, "recipe field `fit.alpha` is 3; only the ridge `fixed` takes it");
+        let told = |fit: FitRecipe| {
+            let recipe = Recipe { fit, ..Recipe::default() };
+            effective_fit(&recipe).expect_err("no effect").to_string()
+        };
+        let told_alpha = told(FitRecipe { alpha: Some(3.0), ..FitRecipe::default() });
+        assert_eq!(told_alpha, "recipe field `fit.alpha` is 3; only the ridge `fixed` takes it");
         let fit = FitRecipe { family: ClusteredTanh, spheres: Some(8), ..FitRecipe::default() };
-        let told = effective_fit(&fit, OnName::Novel).expect_err("no effect").to_string();
         assert_eq!(
-            told,
+            told(fit),
             "recipe field `fit.spheres` is 8 with the family clustered-tanh; that family has no \
              such thing: leave it out, or name another"
         );

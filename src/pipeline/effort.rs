@@ -170,6 +170,28 @@ pub fn effort(
     Ok(this)
 }
 
+/// Whether [`effort`] can begin: one fit of the fewest poses and bands finds out whether those have the sizes
+/// that the recipe's model asks for.
+///
+/// # Errors
+/// As [`effort`].
+pub fn check_effort(
+    dataset: &Dataset,
+    recipe: &Recipe,
+    efforts: &Efforts,
+    watch: &Watch,
+) -> Result<(), Error> {
+    let stored = super::recipe_of(dataset)?;
+    let efforts = efforts.within(dataset)?;
+    let fewest = kept(dataset, &stored, &efforts.poses[..1])?;
+    let keep = fewest.first().map(|(_, keep)| keep.as_slice());
+    let mut recipe = recipe.clone();
+    let order = own(dataset, &stored).2;
+    recipe.fit.bands = efforts.orders.first().copied().filter(|&bands| bands < order);
+    let part = Part { keep, stop: Some(watch.cancelled), left_out: &[] };
+    fit_part(&Imported::new(dataset), &recipe, &part, &Shared::default()).map(drop)
+}
+
 /// Rays per point, training poses and bands of a data set.
 fn own(dataset: &Dataset, stored: &Recipe) -> (u32, u32, u8) {
     let training = dataset.splits().iter().filter(|&&split| split == 0).count();

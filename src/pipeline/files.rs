@@ -27,6 +27,17 @@ pub fn publish(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     fs::File::open(folder).and_then(|folder| folder.sync_all()).map_err(failed)
 }
 
+/// Makes a folder that results will go to, and tries to write there: better said before the work than after it.
+///
+/// # Errors
+/// [`Error::File`] naming the folder and what the system said.
+pub fn prepare_folder(folder: &Path) -> Result<(), Error> {
+    let failed = |source| Error::File { action: "write to", path: folder.to_path_buf(), source };
+    fs::create_dir_all(folder).map_err(failed)?;
+    let tried = tempfile::Builder::new().prefix(".part-").tempfile_in(folder);
+    tried.map(drop).map_err(|error| failed(std::io::Error::from(error.kind())))
+}
+
 /// Temporary files begin private; a result is an ordinary file.
 fn readable_by_all(file: &fs::File) -> std::io::Result<()> {
     use std::os::unix::fs::PermissionsExt;
@@ -77,5 +88,19 @@ mod tests {
         let error = publish(Path::new("/proc/model"), b"x").expect_err("no place for files");
         let told = error.to_string();
         assert!(told.contains("/proc/model: ") && !told.contains(".part-"), "{told}");
+    }
+
+    /// A folder that will be written to is made, nothing is left in it, and one that cannot be is named.
+    #[test]
+    fn a_folder_is_tried_beforehand() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let new = folder.path().join("a/b");
+        prepare_folder(&new).expect("made");
+        assert_eq!(fs::read_dir(&new).expect("listed").count(), 0);
+        for closed in [Path::new("/proc"), &folder.path().join("a/b/../file")] {
+            fs::write(folder.path().join("a/file"), b"").expect("written");
+            let told = prepare_folder(closed).expect_err("no place for files").to_string();
+            assert!(told.contains(&format!("{}: ", closed.display())), "{told}");
+        }
     }
 }

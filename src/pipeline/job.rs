@@ -8,9 +8,9 @@ use glam::Vec3;
 use super::checked::checked_normals;
 use super::hash::{self, Hashes};
 use super::receivers::Receivers;
-use super::recipe::{BakeRecipe, DEFAULT_ALBEDO, NoiseGoalName, Recipe};
+use super::recipe::{BakeRecipe, DEFAULT_ALBEDO, NoiseGoalName, PosesRecipe, Recipe};
 use super::surroundings::{self, Occluders};
-use super::{Checked, Error, Lit, RecipeError, effective, normals};
+use super::{Checked, Error, Lit, RecipeError, effective, effective_parametrisation, normals};
 use crate::bake::{self, Baker, Openings, Reflectance};
 use crate::model::PosedPoints;
 use crate::pose::{self, PoseSet};
@@ -115,6 +115,9 @@ impl Job {
         let occluders = read(named.occluders.as_ref().map(|named| &named.file))?;
         let receivers = read(named.receivers.as_ref().map(|named| &named.file))?;
         let scene = import_content(path, content(&recipe))?;
+        let stated = Some(recipe.poses.parametrisation);
+        let stated = stated.filter(|&name| name != PosesRecipe::default().parametrisation);
+        effective_parametrisation(stated.or(recipe.fit.parametrisation), scene.is_sequence)?;
         Self::among(scene, Around { occluders, receivers }, recipe)
     }
 

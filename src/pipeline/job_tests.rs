@@ -110,7 +110,7 @@ fn a_mean_free_path_fits_into_the_mesh() {
 }
 
 /// A run in 8 bits measures the model that its file holds: measuring the file again gives the same
-/// figures, and the error that the bits add is that to the unquantised fit.
+/// figures, and the error that the bits add is that to the unquantised fit, which itself adds none.
 #[test]
 fn what_is_measured_is_what_ships() {
     let mut recipe = job([0.5; 3], 0).recipe;
@@ -129,8 +129,10 @@ fn what_is_measured_is_what_ships() {
     assert_eq!(ran.measured, again.measured);
     assert_eq!(ran.model.bytes, blob.len() as u64);
     let candidates = &ran.measured.splits[0].candidates;
-    let exact = candidates.iter().find(|c| c.name == "f32").unwrap();
-    assert!(exact.added.as_ref().unwrap().coefficient_rms > 0.0);
+    let added = |name: &str| candidates.iter().find(|c| c.name == name).unwrap().added;
+    assert_eq!(added("f32"), None);
+    let [half, own] = ["f16", "model"].map(|name| added(name).unwrap().coefficient_rms);
+    assert!(own > half && half > 0.0, "{own} in 8 bits, {half} in 16");
 }
 
 /// Another model from the same bake keeps what the bake and its references took: in the figures, and

@@ -171,6 +171,10 @@ fn settings(
         vertex_of_point: dataset.mesh().vertex_of_point.clone(),
         parts: dataset.job()?.scene.mesh.parts.clone(),
         candidates: candidates.entries.clone(),
+        // Where the model is not in f32 itself, the first of its other precisions is.
+        exact: (header.precision != Precision::F32)
+            .then(|| candidates.entries.iter().position(|entry| entry.kind == Kind::Precision))
+            .flatten(),
         on_trained: candidates.on_trained,
         frame_s: 1.0 / recipe_of(dataset)?.poses.rate_hz,
         reference_rays: Some(reference.header().rays),

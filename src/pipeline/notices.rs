@@ -19,8 +19,11 @@ pub fn notices(job: &Job) -> Vec<String> {
     if job.poses.passed_over > 0 {
         let all = job.poses.passed_over + of_training(job);
         notices.push(format!(
-            "{} of {all} training poses are not baked: those kept lie farthest apart",
-            job.poses.passed_over
+            "{} of {all} training poses are not baked, which saves {:.1} of {:.1} million rays: those \
+             kept lie farthest apart",
+            job.poses.passed_over,
+            rays_of(job, job.poses.passed_over) as f64 * 1e-6,
+            rays_of(job, all) as f64 * 1e-6,
         ));
     }
     if job.scene.clips.is_empty() && job.poses.samples.len() == 1 {
@@ -40,6 +43,12 @@ pub fn notices(job: &Job) -> Vec<String> {
     notices.extend(rounded(&job.recipe.bake));
     notices.extend(job.lit.iter().flat_map(|lit| lit.notices.iter().cloned()));
     notices
+}
+
+/// The most rays that so many poses are baked with.
+pub(super) fn rays_of(job: &Job, poses: usize) -> u64 {
+    let of_pose = job.poses.points.count() as u64 * u64::from(rays_per_point(&job.recipe.bake));
+    of_pose.saturating_mul(poses as u64)
 }
 
 fn of_training(job: &Job) -> usize {

@@ -15,7 +15,7 @@ use std::path::Path;
 
 use super::imported::Imported;
 use super::measure::predict;
-use super::recipe::{ChooseName, OnName, Recipe};
+use super::recipe::{ChooseName, OnName, PoseChoiceName, Recipe};
 use super::{Error, Job, Part, RecipeError, Watch, bake, encoding, fit_part};
 use crate::bake::gain;
 use crate::dataset::Dataset;
@@ -86,6 +86,9 @@ impl RaysPlan {
         recipe.bake.rays = rays;
         if self.fewer {
             recipe.poses.most = Some(poses as u32);
+        } else if recipe.poses.most.is_none() {
+            // All are baked, so that none are chosen.
+            recipe.poses.choice = PoseChoiceName::Distance;
         }
     }
 }

@@ -175,3 +175,18 @@ fn small_scenes_are_planned_or_refused_by_what_they_are() {
     let open = plan_rays(hinge, &recipe, &scratch, &watch).unwrap();
     assert!(open.choices.iter().all(|choice| choice.poses >= LEAST_TO_CHOOSE), "{open:?}");
 }
+
+/// A plan of fewer poses says how many are chosen; one of all chooses none, and says no way to.
+#[test]
+fn a_plan_of_all_poses_chooses_none() {
+    for fewer in [true, false] {
+        let choices = vec![planned(48, 0.01, 100)];
+        let plan = RaysPlan { choices, chosen: 0, fewer, pilot_rays: 0 };
+        let mut recipe = Recipe::default();
+        recipe.poses.choice = PoseChoiceName::PredictedError;
+        plan.edit(&mut recipe);
+        assert_eq!(recipe.poses.most, fewer.then_some(48));
+        assert_eq!(recipe.poses.choice == PoseChoiceName::PredictedError, fewer);
+        crate::pipeline::effective(&recipe).expect("sound");
+    }
+}

@@ -9,6 +9,7 @@ use crate::measure::report::{
 };
 use crate::model::{Model, Precision};
 
+use super::notices::rays_of;
 use super::report_stills::stills;
 use super::run::headline_rms;
 use super::{Figures, Job, ReferenceSettings, rays_per_point, reference_notice, spent};
@@ -138,6 +139,8 @@ fn model_facts(
     ModelFacts {
         family,
         frame: sizes.frame.clone(),
+        precision: sizes.precision.clone(),
+        parameters: sizes.parameters,
         alpha: report.alpha,
         sizes: precisions(model, figures),
         tensor_bytes: sizes.tensor_bytes,
@@ -204,6 +207,7 @@ fn left_out(job: &Job) -> LeftOut {
         near_repeats: job.poses.near_repeats.iter().map(|repeat| repeat.dropped).sum(),
         near_repeat: job.checked.poses.near_repeat,
         passed_over: job.poses.passed_over,
+        saved_rays: rays_of(job, job.poses.passed_over),
         notices: job.scene.notices.clone(),
     }
 }

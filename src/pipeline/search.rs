@@ -2,9 +2,9 @@
 //! simplest that meets the target is fitted again to all of them.
 //!
 //! Two rounds: all candidates at some of the points, where fits share what they have in common
-//! ([`super::workbench`]), then, where the first leaves a doubt whether the target is met, the best of them at
-//! all points, one after another until one meets it. [`exhaustive`] is the second round for all, which the
-//! first is measured against.
+//! ([`super::workbench`]), then the best of them, one after another until one meets the target; where the first
+//! round leaves a doubt of that, one group of what is left out at all points says how far off its estimates are.
+//! [`exhaustive`] fits every candidate to all points and leaves every group out, which a search is measured against.
 //!
 //! *Invariant:* held-out clips have no say; they only confirm what was chosen.
 
@@ -32,14 +32,15 @@ pub(super) use folds::{folds, leaves_poses};
 /// The split of the points of a search.
 pub const VALIDATION: &str = "validation";
 
-/// Candidates of the second round, at most.
+/// Candidates of the second round, at most, ...
 const FINALISTS: usize = 4;
+/// ... and those before them of which it is not clear whether they meet an error.
+const PERHAPS: usize = 2;
 
 /// What a search found.
 #[derive(Debug)]
 pub struct Searched {
-    /// The candidates of the second round in every precision, their error under [`VALIDATION`]; the
-    /// first round's choice where that left no doubt, its errors by some of the points.
+    /// The candidates of the second round in every precision, their error under [`VALIDATION`].
     pub points: Vec<Point>,
     /// The other candidates that were looked at to the end, their sizes, times and errors
     /// estimated from some of the points.
@@ -95,31 +96,56 @@ pub fn search(
     }
     drop(bench);
     entries.iter_mut().for_each(Entry::hold);
-    let best = best(&entries, &room, FINALISTS);
+    let tops = finalists(&entries, &room);
     let finalists: Vec<CandidateRecipe> =
-        best.iter().map(|&(entry, _)| entries[entry].reaching()).collect();
-    let mut found = None;
-    let mut settled: Vec<Entry<'_>> = Vec::new();
-    for (finalist, (at, top)) in finalists.iter().zip(&best) {
+        tops.iter().map(|&(entry, _)| entries[entry].reaching()).collect();
+    let validation = Validation::new(dataset)?;
+    let (mut found, mut settled): (Option<Searched>, Vec<Entry<'_>>) = (None, Vec::new());
+    for (finalist, (at, top)) in finalists.iter().zip(&tops) {
+        let mut entry = entries[*at].of(finalist);
         let is_doubtful = is_doubtful(top, VALIDATION, &room);
-        if is_doubtful {
-            settled.extend(exactly(dataset, std::slice::from_ref(finalist), watch, start)?);
-        } else {
-            settled.push(entries[*at].of(finalist));
+        if is_doubtful && !entry.correct(&validation, &folds, watch, &mut count)? {
+            continue;
         }
-        found = conclude((dataset, target, start), &mut settled)?;
-        let missed =
-            !matches!(decide(std::slice::from_ref(top), VALIDATION, &room), Some(Choice::Met(_)));
+        settled.push(entry);
+        if let Some(Choice::Met(_)) = decided(&settled, target) {
+            found = conclude((dataset, target, start), &mut settled)?;
+        }
         // What clearly misses leaves nothing to those behind it.
+        let missed = !matches!(decide_one(top, &room), Some(Choice::Met(_)));
         if found.as_ref().is_some_and(|found| found.met) || missed && !is_doubtful {
             break;
         }
+    }
+    if found.as_ref().is_none_or(|found| !found.met) {
+        found = conclude((dataset, target, start), &mut settled)?;
     }
     let found = found.ok_or_else(|| count.nothing())?;
     let is_settled = |name: &str| settled.iter().any(|entry| entry.candidate.name == name);
     let others = entries.iter().filter(|entry| !is_settled(&entry.candidate.name));
     let estimates = others.flat_map(Entry::finished).collect();
     Ok(Searched { estimates, left_out, ..found })
+}
+
+/// Those that come into question, one after another, with the point that the target would choose: first what is
+/// cheaper and may perhaps meet its error, too.
+fn finalists(entries: &[Entry<'_>], target: &Target) -> Vec<(usize, Point)> {
+    let mut all = best(entries, &target.perhaps(), PERHAPS);
+    for top in best(entries, target, FINALISTS) {
+        if all.iter().all(|(entry, _)| *entry != top.0) {
+            all.push(top);
+        }
+    }
+    all
+}
+
+fn decided(entries: &[Entry<'_>], target: &Target) -> Option<Choice> {
+    let points: Vec<Point> = entries.iter().flat_map(Entry::finished).collect();
+    decide(&points, VALIDATION, target)
+}
+
+fn decide_one(point: &Point, target: &Target) -> Option<Choice> {
+    decide(std::slice::from_ref(point), VALIDATION, target)
 }
 
 /// A target with room for the errors that are measured on a model, which its file tells.
@@ -244,8 +270,7 @@ impl Searched {
         if target.max_fit_s.is_some() {
             point.fit_s = self.fitted.fit_s;
         }
-        let verdict = decide(std::slice::from_ref(point), VALIDATION, target);
-        self.met = matches!(verdict, Some(Choice::Met(_)));
+        self.met = matches!(decide_one(point, target), Some(Choice::Met(_)));
         Ok(())
     }
 }

@@ -85,15 +85,43 @@ fn a_search_ends_with_the_simplest_or_the_best() {
     assert!(strict.points.len() == 3 && strict.estimates.iter().all(|p| error(chosen) <= error(p)));
     let Shares { noise, bias, coverage } = strict.shares;
     assert!(noise + bias + coverage > 0.0 && strict.search_s > 0.0);
+}
 
-    // A target next to what is estimated is judged at all points, by the figures of the exhaustive search.
-    let (largest, _) = crate::choose::errors(chosen, VALIDATION).unwrap();
-    let close = found(&some[..3], 1.001 * largest);
-    let (all, _) = exhaustive(&dataset, &some[..3], &watch).unwrap();
-    assert!(close.points.len().is_multiple_of(3) && close.estimates.len() < 9);
-    for point in close.points.iter().filter(|point| point.name != close.points[close.chosen].name) {
-        let same = all.iter().find(|other| other.name == point.name).unwrap();
-        assert_eq!((error(point), point.bytes), (error(same), same.bytes), "{}", point.name);
+/// Proves that errors which are estimated from some of the points are corrected by what one group of clips says at
+/// all points: where all points were tried they stay as they are, elsewhere that group's are the exact ones.
+#[test]
+fn doubtful_errors_are_corrected() {
+    let folder = tempfile::tempdir().unwrap();
+    let cloth = ("cloth.npz", scene::tests::sequences::waving_sheet(8, 12));
+    let mut recipe = Recipe::default();
+    recipe.poses.rate_hz = 10.0;
+    let whole = baked(&folder.path().join("cloth"), cloth, recipe);
+    let cancelled = AtomicBool::new(false);
+    let watch = Watch { report: &|_| {}, cancelled: &cancelled };
+    for dataset in [whole, dataset(folder.path())] {
+        let base = crate::pipeline::recipe_of(&dataset).unwrap();
+        let mut some = candidates(&base, dataset.header().layout.points, Range::Quick);
+        some.retain(|candidate| candidate.name == "linear, handles");
+        let bench = Workbench::new(&dataset, &some).unwrap();
+        let (folds, _) = folds(bench.clips(), false);
+        let mut count = Count::new(Instant::now(), 9);
+        let mut entry = entries(&some).remove(0);
+        for fold in &folds {
+            entry.take(bench.without(fold).try_out(&some[0]), &watch, &mut count).unwrap();
+        }
+        let before = entry.squares.clone();
+        let validation = Validation::new(&dataset).unwrap();
+        assert!(entry.correct(&validation, &folds, &watch, &mut count).unwrap());
+        let worst =
+            (0..folds.len()).max_by(|&a, &b| before[a][0].total_cmp(&before[b][0])).unwrap();
+        let exact = validation.try_out(&some[0], &folds[worst], None).unwrap();
+        assert_eq!(entry.points[0].bytes, exact.points[0].bytes);
+        let off = entry.squares[worst][0] / exact.squares[0] - 1.0;
+        assert!(off.abs() < 1e-12, "{off}");
+        let is_whole = bench.base.points == dataset.header().layout.points;
+        let ratio = |fold: usize| entry.squares[fold][0] / before[fold][0];
+        assert!((0..folds.len()).all(|fold| (ratio(fold) / ratio(0) - 1.0).abs() < 1e-12));
+        assert!(!is_whole || (ratio(0) - 1.0).abs() < 1e-3, "{}", ratio(0));
     }
 }
 

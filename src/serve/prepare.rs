@@ -126,7 +126,7 @@ fn of_dataset(service: &Service, request: &mut JobRequest) -> Result<Named, Prob
     Checked::new(recipe).map_err(|error| of_pipeline(&error.into()))?;
     let is_said = request.kind == Kind::Fit && !pipeline::has_target(recipe);
     if is_said || request.kind == Kind::Effort {
-        let effective = pipeline::effective_fit(&recipe.fit, recipe.target.on);
+        let effective = pipeline::effective_fit(recipe);
         effective.map_err(|error| of_pipeline(&error.into()))?;
     }
     let chooses = request.kind == Kind::Tradeoff || pipeline::has_target(recipe);

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use crate::cli::args::BakeArgs;
 use crate::cli::{Answer, units};
-use crate::pipeline::recipe::Recipe;
+use crate::pipeline::recipe::{PosesRecipe, Recipe};
 use crate::pipeline::{self, Baked, Dataset, Job, Plan, Planned, Spent, Watch};
 
 pub(in crate::cli) fn bake(args: &BakeArgs, watch: &Watch) -> anyhow::Result<Answer> {
@@ -20,6 +20,7 @@ pub(in crate::cli) fn bake(args: &BakeArgs, watch: &Watch) -> anyhow::Result<Ans
         pipeline::go_on(from, &mut recipe)?;
     }
     let job = Job::open(&args.scene, recipe)?;
+    pipeline::effective_parametrisation(args.poses.parametrisation(), job.scene.is_sequence)?;
     let place = beside(&args.output, ".refined.glb");
     if args.dry_run {
         let mut job = as_refined(job, &place)?;
@@ -59,7 +60,13 @@ pub(super) fn choose_rays(
         return Ok(None);
     }
     // Noise is a matter of rays and poses: the scene's own mesh tells as much of it as a finer one.
-    let open = |recipe| Job::open(scene, Recipe { subdivide: None, ..recipe });
+    let open = |mut recipe: Recipe| {
+        if recipe.poses.most.is_none() {
+            // The pilot counts poses first, of which it does not choose any yet.
+            recipe.poses.choice = PosesRecipe::default().choice;
+        }
+        Job::open(scene, Recipe { subdivide: None, ..recipe })
+    };
     let plan = pipeline::plan_rays(open, recipe, &beside(output, ".pilot"), watch)?;
     plan.edit(recipe);
     let say = |c: &Planned| {

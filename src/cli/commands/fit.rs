@@ -13,9 +13,15 @@ use crate::pipeline::{
 };
 
 pub(in crate::cli) fn fit(args: &FitCommandArgs, watch: &Watch) -> anyhow::Result<Answer> {
+    super::named(&args.output, "safetensors")?;
+    super::keep_apart(&[("data set", &args.dataset)], &[("the output", &args.output)])?;
     let dataset = Dataset::open(&args.dataset)?;
     let mut recipe = pipeline::recipe_of(&dataset)?;
     args.edit(&mut recipe);
+    if let Some(stated) = args.parametrisation() {
+        let is_sequence = pipeline::job_of(&dataset)?.scene.is_sequence;
+        pipeline::effective_parametrisation(Some(stated), is_sequence)?;
+    }
     let checked = Checked::new(&recipe)?;
     if chooses(args, &recipe)? {
         return choose(args, &dataset, &recipe, watch);
@@ -37,23 +43,20 @@ pub(in crate::cli) fn fit(args: &FitCommandArgs, watch: &Watch) -> anyhow::Resul
 
 /// Whether the target chooses the model; refuses flags that then, or else, change nothing.
 ///
-/// A target that only the data set's recipe states gives way to what the command line says.
+/// A target that only the data set's recipe states gives way to a model that the command line names.
 fn chooses(args: &FitCommandArgs, recipe: &Recipe) -> anyhow::Result<bool> {
-    match (pipeline::has_target(recipe), args.chosen_flag()) {
-        (true, Some(flag)) if args.states_target() => {
-            let told = format!(
-                "{flag} changes nothing where a target chooses the model; of the model only --family \
-                 and --include-rest can be said then"
-            );
-            return Err(Usage(told).into());
-        }
-        (true, None) => {
-            refuse_rest_in_vain(args, recipe)?;
-            return Ok(true);
-        }
-        (true, Some(_)) | (false, _) => {}
+    if let Some(flag) = args.chosen_flag().filter(|_| args.states_target()) {
+        let told = format!(
+            "{flag} changes nothing where a target chooses the model; of the model only --family \
+             and --include-rest can be said then"
+        );
+        return Err(Usage(told).into());
     }
-    pipeline::effective_fit(&recipe.fit, recipe.target.on).map_err(pipeline::Error::from)?;
+    if pipeline::has_target(recipe) && !args.names_model() {
+        refuse_rest_in_vain(args, recipe)?;
+        return Ok(true);
+    }
+    pipeline::effective_fit(recipe).map_err(pipeline::Error::from)?;
     if let Some(flag) = args.measures_in_vain() {
         let told = format!(
             "{flag} says how a model is measured, and without a target (--max-error, --max-bytes, \
@@ -70,8 +73,8 @@ fn refuse_rest_in_vain(args: &FitCommandArgs, recipe: &Recipe) -> Result<(), pip
         return Ok(());
     }
     let FitRecipe { family, include_rest, .. } = recipe.fit;
-    let said = FitRecipe { family, include_rest, ..FitRecipe::default() };
-    Ok(pipeline::effective_fit(&said, recipe.target.on)?)
+    let fit = FitRecipe { family, include_rest, ..FitRecipe::default() };
+    Ok(pipeline::effective_fit(&Recipe { fit, ..recipe.clone() })?)
 }
 
 /// The simplest model that meets the target by validation on training clips, confirmed on the
@@ -98,7 +101,7 @@ fn choose(
             text += &format!("\n  {trimmed}");
         }
     }
-    text += &format!("\n{}", super::measure::table(&figures.measured));
+    text += &format!("\n{}", super::measure::table(figures));
     if let Some(remedy) = remedy {
         text += &format!("\n  the target is not met; what would help most: {remedy}");
     }

@@ -5,8 +5,7 @@ use serde_json::json;
 use crate::cli::Answer;
 use crate::cli::args::MeasureArgs;
 use crate::dataset::Dataset;
-use crate::measure::Measured;
-use crate::pipeline::{self, Checked, Watch, files};
+use crate::pipeline::{self, Checked, Figures, Watch, files};
 
 pub(in crate::cli) fn measure(args: &MeasureArgs, watch: &Watch) -> anyhow::Result<Answer> {
     let mut model = super::read_model(&args.model)?.0;
@@ -19,7 +18,7 @@ pub(in crate::cli) fn measure(args: &MeasureArgs, watch: &Watch) -> anyhow::Resu
         files::publish(path, page.as_bytes())?;
     }
     let met = pipeline::meets_target(&figures.measured, checked.reference);
-    let mut text = table(&figures.measured) + &verdict(met, met, checked.reference.max_error);
+    let mut text = table(&figures) + &verdict(met, met, checked.reference.max_error);
     if let Some(path) = &args.report {
         text += &format!("\nreport: {}", path.display());
     }
@@ -40,7 +39,8 @@ pub(super) fn verdict(met: bool, reached: bool, most: Option<f32>) -> String {
 }
 
 /// The headline figures, a line per split.
-pub(super) fn table(measured: &Measured) -> String {
+pub(super) fn table(figures: &Figures) -> String {
+    let measured = &figures.measured;
     let mut text = String::from(
         "split         poses   coefficient RMSE   ao error    ao p99   (mean alone: RMSE, ao error)",
     );
@@ -69,11 +69,12 @@ pub(super) fn table(measured: &Measured) -> String {
             );
         }
     }
-    text + &remark(measured)
+    text + &remark(figures)
 }
 
 /// A sentence where the model is no better than the mean on the split that counts.
-fn remark(measured: &Measured) -> String {
+fn remark(figures: &Figures) -> String {
+    let measured = &figures.measured;
     let found = measured.splits.iter().find(|split| Some(split.split) == measured.headline);
     // Of a scene that stands still there is nothing to learn but its mean.
     let Some(split) = found.filter(|split| split.frames.time_s.len() > 1) else {
@@ -81,16 +82,37 @@ fn remark(measured: &Measured) -> String {
     };
     let of = |name: &str| split.candidates.iter().find(|c| c.name == name)?.coefficients.rms;
     match (of(&measured.model), of("mean")) {
-        (Some(model), Some(mean)) if measured.model != "mean" && model >= mean => format!(
-            "\non {} motion this model is no better than the mean alone: more motion to train on, or \
-             `--family occluder`",
-            split.split.name()
+        (Some(model), Some(mean)) if figures.model.family != "mean" && model >= mean => format!(
+            "\non {} motion this model is no better than the mean alone: {}",
+            split.split.name(),
+            advice(&figures.model.family, figures.choice.is_some()),
         ),
         _ => String::new(),
+    }
+}
+
+/// What would help a model that has learnt nothing. A target that chose it has weighed occluders already.
+fn advice(family: &str, is_chosen: bool) -> &'static str {
+    match is_chosen || family.starts_with("occluder") {
+        true => "it takes more motion to train on",
+        false => "it takes more motion to train on, or `--family occluder`",
     }
 }
 
 /// A root that noise swallowed has no number.
 fn rms(value: Option<f64>) -> String {
     value.map_or_else(|| "below noise".to_owned(), |value| format!("{value:.5}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Occluders are no advice for a model of them, nor where a target chose another.
+    #[test]
+    fn advice_is_what_was_not_tried() {
+        assert!(advice("linear", false).contains("occluder"));
+        assert!(!advice("occluder with pca-linear", false).contains("occluder"));
+        assert!(!advice("linear", true).contains("occluder"));
+    }
 }

@@ -1,8 +1,8 @@
 //! `poselight rebind`: a model attached to a re-exported scene.
 
-use anyhow::ensure;
 use serde_json::json;
 
+use super::Usage;
 use crate::cli::Answer;
 use crate::cli::rebind_args::RebindArgs;
 use crate::pipeline::{self, RebindSettings, Rebound, files};
@@ -16,14 +16,25 @@ pub(in crate::cli) fn rebind(args: &RebindArgs) -> anyhow::Result<Answer> {
     settings.unmatched = args.unmatched.unwrap_or(settings.unmatched);
     for (flag, value) in [("--tolerance", settings.tolerance), ("--unmatched", settings.unmatched)]
     {
-        ensure!((0.0..=1.0).contains(&value), "{flag} is {value}; it is a share, 0 to 1");
+        if !(0.0..=1.0).contains(&value) {
+            return Err(Usage(format!("{flag} is {value}; it is a share, 0 to 1")).into());
+        }
     }
+    keep_files(args)?;
     let model = super::read_model(&args.model)?.0;
     let scene = pipeline::import(&args.scene)?;
     let rebound = pipeline::rebind(&model, &scene, args.original.as_deref(), &settings)?;
     let bytes = rebound.model.to_bytes(model.header().precision)?;
     files::publish(&args.output, &bytes)?;
     Ok(Answer::new(text(args, &rebound), document(args, &rebound)))
+}
+
+/// Refuses an output of another name than a model's, or that would replace what is read.
+fn keep_files(args: &RebindArgs) -> Result<(), Usage> {
+    super::named(&args.output, "safetensors")?;
+    let mut inputs = vec![("model", args.model.as_path()), ("scene", args.scene.as_path())];
+    inputs.extend(args.original.as_deref().map(|path| ("original scene", path)));
+    super::keep_apart(&inputs, &[("the output", &args.output)])
 }
 
 fn text(args: &RebindArgs, rebound: &Rebound) -> String {

@@ -21,6 +21,7 @@ pub(in crate::cli) fn run(args: &RunArgs, watch: &Watch) -> anyhow::Result<Answe
     let places = (args.scene.as_path(), args.output.as_path());
     let chosen = super::bake::choose_rays(args.bake.choose_rays, places, &mut recipe, watch)?;
     let job = Job::open(&args.scene, recipe)?;
+    pipeline::effective_parametrisation(args.poses.parametrisation(), job.scene.is_sequence)?;
     let place = args.output.join(pipeline::REFINED);
     if args.dry_run {
         let mut job = super::bake::as_refined(job, &place)?;
@@ -55,7 +56,7 @@ pub(in crate::cli) fn run(args: &RunArgs, watch: &Watch) -> anyhow::Result<Answe
     if !outcome.made {
         text += "\n  model and figures were there already";
     }
-    text += &format!("\n{}", super::measure::table(&figures.measured));
+    text += &format!("\n{}", super::measure::table(figures));
     let reached = pipeline::meets_target(&figures.measured, job.checked.reference);
     text += &super::measure::verdict(outcome.met, reached, job.checked.reference.max_error);
     if let Some(remedy) = figures.choice.as_ref().and_then(|choice| choice.remedy.as_ref()) {

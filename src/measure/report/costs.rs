@@ -44,7 +44,7 @@ pub(super) fn beside_prt(input: &ReportInput<'_>) -> String {
         row("Vertices", &count(character.vertices as u64), ["11,534", "11,534", "11,534"]),
         row(
             "Training poses, pose parameters",
-            &format!("{}, {}", count(character.training_poses as u64), character.parameters),
+            &format!("{}, {}", count(character.training_poses as u64), model.parameters),
             ["430, 54"; 3],
         ),
         row("Rays per vertex", &count(u64::from(character.rays)), ["500"; 3]),

@@ -3,7 +3,7 @@
 
 use super::body;
 use super::input::ReportInput;
-use super::text::{count, escape, number, plural, time};
+use super::text::{count, escape, many, number, plural, time};
 use crate::measure::{BlockMethod, Kind, Measured, Place, Signal, Worst};
 
 /// The picture of the surface, and the worst pose, vertex and sample by name.
@@ -75,11 +75,16 @@ pub(super) fn character(input: &ReportInput<'_>) -> String {
     } else {
         String::new()
     };
+    let own = input.model.parameters;
+    let parameters = match c.parameters {
+        all if all == own => own.to_string(),
+        all => format!("{own}, of {all} in the data set"),
+    };
     let entries = [
         ("Vertices", vertices),
         ("Triangles", count(c.triangles as u64)),
         ("Joints", format!("{}{morphs}", c.joints)),
-        ("Pose parameters", c.parameters.to_string()),
+        ("Pose parameters", parameters),
         ("Size", format!("{}\u{a0}m (diagonal of the rest pose)", number(f64::from(c.size_m), 3))),
         (
             "Training",
@@ -139,7 +144,10 @@ pub(super) fn left_out(input: &ReportInput<'_>) -> String {
     }
     if left.passed_over > 0 {
         let told = plural(left.passed_over, "training pose");
-        out.push_str(&format!("<p>{told} were not baked: those kept lie farthest apart.</p>"));
+        out.push_str(&format!(
+            "<p>{told} were not baked, which saved {} rays: those kept lie farthest apart.</p>",
+            many(left.saved_rays)
+        ));
     }
     let dropped = plural(left.dropped.len(), "degree");
     let dropped =

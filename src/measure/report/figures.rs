@@ -189,7 +189,7 @@ fn light_bar(c: &CandidateMeasured, light: usize, most: f64) -> String {
     )
 }
 
-/// Bytes and error of each precision, and how far it is from the model; empty where there is one only.
+/// Bytes and error of each precision, and how far it is from the most precise; empty where there is one only.
 pub(super) fn precisions(input: &ReportInput<'_>) -> String {
     let measured = input.measured;
     let split = measured.headline.and_then(|s| measured.split(s));
@@ -206,8 +206,12 @@ pub(super) fn precisions(input: &ReportInput<'_>) -> String {
                 cells.map(|x| format!("<td>{x}</td>")).collect()
             },
         );
+        let stored = match c.kind {
+            Kind::Model => format!(" ({})", escape(&input.model.precision)),
+            _ => String::new(),
+        };
         format!(
-            "<tr><th scope=\"row\">{}</th><td>{bytes}</td>{added}<td>{}</td></tr>",
+            "<tr><th scope=\"row\">{}{stored}</th><td>{bytes}</td>{added}<td>{}</td></tr>",
             escape(&c.name),
             estimate(c.ao.mean_absolute)
         )

@@ -80,7 +80,7 @@ pub struct Character {
     pub morphs: usize,
     /// Diagonal of the rest pose's bounding box, metres.
     pub size_m: f32,
-    /// Numbers that describe a pose after unused ones were dropped.
+    /// Numbers that describe a pose in the data set after unused ones were dropped.
     pub parameters: usize,
     /// Poses of the training split.
     pub training_poses: usize,
@@ -111,6 +111,10 @@ pub struct ModelFacts {
     pub family: String,
     /// `root` or `bone`.
     pub frame: String,
+    /// How its numbers are stored, such as `i8`.
+    pub precision: String,
+    /// Numbers that it takes a pose by, which may be others than the data set's.
+    pub parameters: usize,
     /// The chosen ridge α, where there is one.
     pub alpha: Option<f64>,
     /// Bytes of the file by candidate name: the model first, then its other precisions.
@@ -190,6 +194,8 @@ pub struct LeftOut {
     pub near_repeat: f32,
     /// Training poses that were not baked, since others lie farther apart.
     pub passed_over: usize,
+    /// The rays that they would have taken.
+    pub saved_rays: u64,
     /// The importer's notices.
     pub notices: Vec<String>,
 }

@@ -71,6 +71,7 @@ fn settings(signal: Signal, bands: u8, points: usize, name: &str) -> Settings {
             candidate("mean", Kind::Baseline),
         ],
         frame_s: 1.0 / 30.0,
+        exact: None,
         on_trained: false,
         reference_rays: Some(4000),
     }
@@ -154,6 +155,8 @@ fn facts(name: &str) -> (Character, ModelFacts, Times, LeftOut) {
     let model = ModelFacts {
         family: "pca-linear (8, 22)".to_owned(),
         frame: "bone".to_owned(),
+        precision: "f32".to_owned(),
+        parameters: 42,
         alpha: Some(3.1),
         sizes: vec![
             ("model f32".to_owned(), 1_306_512),
@@ -185,7 +188,8 @@ fn facts(name: &str) -> (Character, ModelFacts, Times, LeftOut) {
         dropped: (0..23).map(|i| format!("{name}.finger_{i}.x")).collect(),
         near_repeats: 41,
         near_repeat: 0.005,
-        passed_over: 0,
+        passed_over: 7,
+        saved_rays: 4_200_000,
         notices: vec!["2 textures were ignored".to_owned()],
     };
     (character, model, times, left_out)
@@ -342,6 +346,18 @@ fn targets_and_shared_bakes_are_shown() {
     assert!(missed.contains("The target is missed") && missed.contains("0.0100 (RMS)"));
     assert!(met.contains("Target met") && !met.contains("is missed"));
     assert!(met.contains("2.50 <small>million rays/s") && met.contains("the last run baked"));
+}
+
+/// A model may take poses by other numbers than the data set has: both are told, and its own stand beside the
+/// published ones; the table of precisions says how the model itself is stored.
+#[test]
+fn the_models_own_parameters_are_told() {
+    let body = body(4);
+    let measured = measured(Signal::Ao, 1, &body, 2, "run");
+    let page = page(&measured, &body, "run");
+    assert!(page.contains("<dt>Pose parameters</dt><dd>42, of 96 in the data set</dd>"), "both");
+    assert!(page.contains(", 42</td>"), "beside the published ones");
+    assert!(page.contains("<th scope=\"row\">model f32 (f32)</th>"), "how it is stored");
 }
 
 /// The rule of what is kept is drawn under the marks of a spectrum, not through their labels.

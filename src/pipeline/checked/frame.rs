@@ -3,17 +3,22 @@
 use super::require;
 use crate::model::Frame;
 use crate::pipeline::RecipeError;
-use crate::pipeline::recipe::{FamilyName, FitRecipe, FrameName, NormalsRecipe, Recipe};
+use crate::pipeline::recipe::{
+    FamilyName, FitRecipe, FrameName, NormalsRecipe, Recipe, SignalName,
+};
 
-/// The frame of a fit.
-pub(super) fn checked_frame(fit: &FitRecipe) -> Result<Frame, RecipeError> {
+/// The frame of a fit to a signal.
+pub(super) fn checked_frame(fit: &FitRecipe, signal: SignalName) -> Result<Frame, RecipeError> {
     let frame = match fit.frame {
         FrameName::Root => Frame::Root,
         FrameName::Bone => Frame::Bone,
         FrameName::Tangent => Frame::Tangent,
     };
-    let turned = frame == Frame::Tangent && fit.family == FamilyName::Occluder;
-    require(!turned, "fit.frame", frame, "occluders are weighed in the frames of bones")?;
+    // Ambient occlusion has no frame; of a fit to it the root's says so.
+    let has_frame = frame == Frame::Tangent || signal != SignalName::Ao;
+    let turned = frame != Frame::Bone && has_frame && fit.family == FamilyName::Occluder;
+    let expected = "occluders are weighed in the frames of bones: leave it out";
+    require(!turned, "fit.frame", frame, expected)?;
     let turned = frame == Frame::Tangent && fit.local.is_some();
     require(!turned, "fit.frame", frame, "`fit.local` goes by the frames of bones")?;
     Ok(frame)
@@ -48,5 +53,21 @@ mod tests {
         recipe.fit.local = None;
         recipe.fit.family = FamilyName::Occluder;
         assert!(told(&recipe).contains("frames of bones"), "{}", told(&recipe));
+    }
+
+    /// Occluders of harmonics are in the frames of bones and in no other; ambient occlusion has none.
+    #[test]
+    fn occluders_are_in_the_frames_of_bones() {
+        let fault = |signal, frame| {
+            let mut recipe = Recipe::default();
+            recipe.bake.signal = signal;
+            (recipe.fit.family, recipe.fit.frame) = (FamilyName::Occluder, frame);
+            Checked::new(&recipe).err().map(|error| error.field)
+        };
+        for signal in [SignalName::Transfer, SignalName::Visibility] {
+            assert_eq!(fault(signal, FrameName::Root), Some("fit.frame"));
+            assert_eq!(fault(signal, FrameName::Bone), None);
+        }
+        assert_eq!(fault(SignalName::Ao, FrameName::Root), None);
     }
 }

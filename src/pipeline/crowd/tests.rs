@@ -37,6 +37,26 @@ fn model(frame: FrameName) -> (Scene, Model) {
     (import(), fit(&dataset, &job.recipe).expect("fitted").model)
 }
 
+/// A small picture of nobody under a light.
+fn plain(light: &ShLight) -> Crowd<'_> {
+    Crowd {
+        places: Vec::new(),
+        spheres: 1,
+        floor_vertices: 9,
+        light,
+        finish: Brdf::Lambert { albedo: [0.8, 0.6, 0.4] }.into(),
+        terms: 4,
+        lobes: 3,
+        view: [20.0, 30.0],
+        size: [32, 24],
+        samples: 1,
+        rays: 16,
+        gains: vec![4.0],
+        tone: Tone::Linear,
+        exposure_stops: 0.0,
+    }
+}
+
 /// Characters and floor are shaded nearer to the truth with the shadows that spheres cast than without;
 /// settings out of range are refused by name.
 #[test]
@@ -49,22 +69,8 @@ fn cast_shadows_come_near_the_truth() {
         yaw_degrees: 30.0,
         clip: clip.map(|name| (name.to_owned(), 0.5)),
     };
-    let settings = Crowd {
-        places: vec![place(-0.35, None), place(0.35, None)],
-        spheres: 1,
-        floor_vertices: 33,
-        light: &light,
-        finish: Brdf::Lambert { albedo: [0.8, 0.6, 0.4] }.into(),
-        terms: 4,
-        lobes: 3,
-        view: [20.0, 30.0],
-        size: [32, 24],
-        samples: 1,
-        rays: 16,
-        gains: vec![4.0],
-        tone: Tone::Linear,
-        exposure_stops: 0.0,
-    };
+    let places = vec![place(-0.35, None), place(0.35, None)];
+    let settings = Crowd { places, floor_vertices: 33, ..plain(&light) };
     let made = crowd(&scene, &model, &settings).expect("rendered");
     assert!(made.picture.width() > 3 * 32 && made.spheres == 1);
     assert!(
@@ -97,19 +103,9 @@ fn crowds_have_a_grain_and_no_ground_of_their_own() {
     let place = CrowdPlace { at: [0.0, 0.0], yaw_degrees: 30.0, clip: None };
     let settings = |alpha| Crowd {
         places: vec![place.clone()],
-        spheres: 1,
-        floor_vertices: 9,
-        light: &light,
         finish: ggx(alpha).into(),
         terms: 8,
-        lobes: 3,
-        view: [20.0, 30.0],
-        size: [32, 24],
-        samples: 1,
-        rays: 16,
-        gains: vec![4.0],
-        tone: Tone::Linear,
-        exposure_stops: 0.0,
+        ..plain(&light)
     };
     let made = |alpha| crowd(&scene, &bone, &settings(alpha)).expect("rendered");
     let (along, across) = (made([0.2, 0.7]), made([0.7, 0.2]));

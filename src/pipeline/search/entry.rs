@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use super::VALIDATION;
 use crate::choose::{Choice, Point, SplitError, Target, decide};
+use crate::pipeline::validation::Validation;
 use crate::pipeline::workbench::{Tried, reaches};
 use crate::pipeline::{CandidateRecipe, Error, Progress, Stage, Watch};
 
@@ -47,6 +48,36 @@ impl Entry<'_> {
             Err(other) => return Err(other),
         }
         count.step(watch)
+    }
+
+    /// Takes what one group of what is left out, that with the largest error, says at all points: costs, and how
+    /// far off errors are by some of the points. Whether it can be fitted there.
+    pub(super) fn correct(
+        &mut self,
+        validation: &Validation<'_>,
+        folds: &[Vec<usize>],
+        watch: &Watch,
+        count: &mut Count,
+    ) -> Result<bool, Error> {
+        let first = |fold: &usize| self.squares[*fold][0];
+        let worst = (0..folds.len()).max_by(|a, b| first(a).total_cmp(&first(b)));
+        let Some(worst) = worst else { return Ok(false) };
+        let mut whole = Self {
+            candidate: self.candidate,
+            points: Vec::new(),
+            squares: Vec::new(),
+            held: Vec::new(),
+        };
+        whole.take(validation.try_out(self.candidate, &folds[worst], None), watch, count)?;
+        let Some(squares) = whole.squares.first() else { return Ok(false) };
+        for (i, exact) in squares.iter().enumerate() {
+            let estimate = self.squares[worst][i];
+            let ratio = if estimate > 0.0 { exact.max(0.0) / estimate } else { 1.0 };
+            self.squares.iter_mut().for_each(|fold| fold[i] *= ratio);
+            self.squares[worst][i] = *exact;
+            self.points[i].take_costs(&whole.points[i]);
+        }
+        Ok(true)
     }
 
     /// Takes the reach into account that does best over all folds.
@@ -125,6 +156,8 @@ impl Count {
             return Err(Error::Stopped { when });
         }
         self.done += 1;
+        // How many will be looked at twice is not known beforehand.
+        let total = total.max(self.done);
         let elapsed_s = self.start.elapsed().as_secs_f64();
         let done = self.done;
         (watch.report)(Progress { stage: Stage::Measure, done, total, rays: 0, elapsed_s });
