@@ -41,6 +41,18 @@ pub enum EvaluateError {
         /// In the model.
         expected: usize,
     },
+    /// The scene has as many vertices as the model's, and is another.
+    #[error(
+        "{found} has as many vertices as the mesh of the model, which was baked from {expected}, but in \
+         other places, in another order or with other triangles: name that scene, or attach the model \
+         to this one with `poselight rebind`"
+    )]
+    OtherMesh {
+        /// The scene's file.
+        found: String,
+        /// The name of the file that the model was baked from.
+        expected: String,
+    },
     /// The model looks at the posed mesh.
     #[error(
         "the model looks at the posed mesh, which parameters alone do not give, and joints only to \

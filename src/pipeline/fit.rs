@@ -129,6 +129,7 @@ pub(super) fn fit_part(
     };
     let report = fitted.report.clone();
     let model = assemble(dataset, recipe, (&checked, settings), fitted, assembled)?;
+    let model = model.with_shapes(dataset.shapes())?;
     let model = if recipe.fit.include_rest { with_rest(model, dataset)? } else { model };
     Ok(FittedModel { model, report, fit_s })
 }
@@ -361,6 +362,8 @@ fn header(
         rest: None,
         mesh: MeshIdentity {
             scene_sha256: scene,
+            shape_sha256: None,
+            receivers_sha256: None,
             vertices: layout.vertices as u32,
             points: layout.points as u32,
             parts: parts(dataset, &rig),

@@ -112,4 +112,4 @@ pub use subdivide::{
 pub use surroundings::Occluders;
 pub use tradeoff::{Tradeoff, tradeoff};
 pub use trim::Trimmed;
-pub use valued::{Valued, valued};
+pub use valued::{Valued, check_mesh, check_receivers, valued};

@@ -215,6 +215,8 @@ fn identity(scene: &Scene, names: &[&str]) -> MeshIdentity {
     });
     MeshIdentity {
         scene_sha256: hash::scene(&scene.sources),
+        shape_sha256: Some(hash::shape(scene, &scene.mesh.parts)),
+        receivers_sha256: None,
         vertices: scene.mesh.positions.len() as u32,
         // The model's own; the caller's copy says how many.
         points: 0,
