@@ -251,12 +251,19 @@ fn give_way(
     recipe: &FitRecipe,
     error: fit::Error,
 ) -> Result<(), fit::Error> {
-    use fit::Family::{Multilinear, PcaLinear};
+    use fit::Family::{Multilinear, PcaLinear, PcaRetaining};
+    use fit::Kept::Count;
     let (size, asked, available) = match (&error, family) {
         (fit::Error::Inputs { available, .. }, PcaLinear { inputs, .. }) => {
             (inputs, recipe.inputs, *available)
         }
         (fit::Error::Outputs { available, .. }, PcaLinear { outputs, .. }) => {
+            (outputs, recipe.outputs, *available)
+        }
+        (fit::Error::Inputs { available, .. }, PcaRetaining { inputs: Count(inputs), .. }) => {
+            (inputs, recipe.inputs, *available)
+        }
+        (fit::Error::Outputs { available, .. }, PcaRetaining { outputs: Count(outputs), .. }) => {
             (outputs, recipe.outputs, *available)
         }
         (fit::Error::Inputs { available, .. }, Multilinear(sizes)) => {
@@ -429,6 +436,13 @@ mod tests {
         assert_eq!(way(pca, &nobody, inputs(3)), Some(fewer));
         let fewer = fit::Family::PcaLinear { inputs: 8, outputs: 3 };
         assert_eq!(way(pca, &nobody, outputs(3)), Some(fewer));
+        let (half, some) = (fit::Kept::Share(0.5), fit::Kept::Count);
+        let shared = fit::Family::PcaRetaining { inputs: half, outputs: some(22) };
+        let fewer = fit::Family::PcaRetaining { inputs: half, outputs: some(3) };
+        assert_eq!(way(shared, &nobody, outputs(3)), Some(fewer));
+        let shared = fit::Family::PcaRetaining { inputs: some(8), outputs: half };
+        let fewer = fit::Family::PcaRetaining { inputs: some(3), outputs: half };
+        assert_eq!(way(shared, &nobody, inputs(3)), Some(fewer));
         let sizes = |family| match family {
             Some(fit::Family::Multilinear(sizes)) => Some((sizes.clusters, sizes.inputs)),
             _ => None,
