@@ -5,7 +5,8 @@ use std::borrow::Cow;
 
 use glam::{Affine3A, Vec3};
 
-use super::evaluate::{EvaluateError, Query, node_order, parameters};
+use super::EvaluateError;
+use super::evaluate::{Query, node_order, parameters};
 use super::valued::valued_by_count;
 use super::{normals, recipe_of_model};
 use crate::model::{JointPose, Model, PosedPoints, SourceHeader};

@@ -254,18 +254,14 @@ fn give_way(
     use fit::Family::{Multilinear, PcaLinear, PcaRetaining};
     use fit::Kept::Count;
     let (size, asked, available) = match (&error, family) {
-        (fit::Error::Inputs { available, .. }, PcaLinear { inputs, .. }) => {
-            (inputs, recipe.inputs, *available)
-        }
-        (fit::Error::Outputs { available, .. }, PcaLinear { outputs, .. }) => {
-            (outputs, recipe.outputs, *available)
-        }
-        (fit::Error::Inputs { available, .. }, PcaRetaining { inputs: Count(inputs), .. }) => {
-            (inputs, recipe.inputs, *available)
-        }
-        (fit::Error::Outputs { available, .. }, PcaRetaining { outputs: Count(outputs), .. }) => {
-            (outputs, recipe.outputs, *available)
-        }
+        (
+            fit::Error::Inputs { available, .. },
+            PcaLinear { inputs, .. } | PcaRetaining { inputs: Count(inputs), .. },
+        ) => (inputs, recipe.inputs, *available),
+        (
+            fit::Error::Outputs { available, .. },
+            PcaLinear { outputs, .. } | PcaRetaining { outputs: Count(outputs), .. },
+        ) => (outputs, recipe.outputs, *available),
         (fit::Error::Inputs { available, .. }, Multilinear(sizes)) => {
             (&mut sizes.inputs, recipe.inputs, *available)
         }
