@@ -78,7 +78,7 @@ pub enum RebindError {
     /// Nothing says where the points are.
     #[error(
         "the model does not carry its mesh at rest: name the scene that it was baked from with \
-         --original, or fit it with --include-rest"
+         --original (only models that look at the posed mesh can carry it, by --include-rest)"
     )]
     NeedsOriginal,
     /// The original is another scene.
