@@ -175,3 +175,53 @@ fn what_only_blocks_gets_nothing() {
     let still = ["still", "two.glb", "--model", "m.safetensors", "-o", "s.png"];
     succeed(folder, &[&still[..], &["--size", "32", "32", "--rays", "4"]].concat());
 }
+
+/// A file whose vertices are in another order is refused by whatever puts values at vertices, with what to do;
+/// that done, it is taken, and the model's own scene is refused. Motion of a mesh with other vertices will do
+/// where the mesh is not looked at.
+#[test]
+fn another_order_of_vertices_is_refused() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    let floor = patch();
+    let mut again = floor.clone();
+    let start = again.len() - 108;
+    again[start..start + 24].rotate_left(12);
+    fs::write(folder.join("floor.glb"), floor).expect("written");
+    fs::write(folder.join("again.glb"), again).expect("written");
+    let nodes = json!([{"mesh": 0, "name": "floor"}, {"mesh": 1, "name": "wall"}]);
+    fs::write(folder.join("two.glb"), squares(&nodes)).expect("written");
+    let bake = ["bake", "floor.glb", "-o", "d.zarr", "--signal", "visibility", "--order", "2"];
+    succeed(folder, &[&bake[..], &["--rays", "8"]].concat());
+    succeed(folder, &["fit", "d.zarr", "-o", "m.safetensors", "--family", "mean"]);
+    let apply = |model, scene| run(folder, &["apply", model, scene, "-o", "lit.glb"]);
+    let evaluate =
+        |model, scene| run(folder, &["evaluate", model, "--scene", scene, "-o", "v.npy"]);
+    let still = |model, scene| {
+        let few = ["--size", "32", "32", "--rays", "2", "--samples", "1"];
+        run(folder, &[&["still", scene, "--model", model, "-o", "s.png"], &few[..]].concat())
+    };
+    let crowd = |model, scene| {
+        let words = ["crowd", scene, "--model", model, "--light", "constant", "-o", "c.png"];
+        run(folder, &[&words[..], &["--size", "32", "32", "--rays", "2"]].concat())
+    };
+    let uses: [&dyn Fn(&'static str, &'static str) -> Output; 4] =
+        [&apply, &evaluate, &still, &crowd];
+    let rebind = ["rebind", "m.safetensors", "again.glb", "-o", "r.safetensors"];
+    succeed(folder, &[&rebind[..], &["--original", "floor.glb"]].concat());
+    for answer in uses.map(|usage| usage("m.safetensors", "again.glb")) {
+        let told = String::from_utf8_lossy(&answer.stderr).into_owned();
+        assert_eq!(answer.status.code(), Some(1), "{told}");
+        assert!(told.contains("again.glb") && told.contains("poselight rebind"), "{told}");
+    }
+    for usage in &uses[..3] {
+        for (model, scene) in [("m.safetensors", "floor.glb"), ("r.safetensors", "again.glb")] {
+            let answer = usage(model, scene);
+            assert!(answer.status.success(), "{}", String::from_utf8_lossy(&answer.stderr));
+        }
+        assert!(!usage("r.safetensors", "floor.glb").status.success());
+    }
+    let answer = evaluate("m.safetensors", "two.glb");
+    let told = String::from_utf8_lossy(&answer.stdout).into_owned();
+    assert!(answer.status.success() && told.contains("gives the motion alone"), "{told}");
+}

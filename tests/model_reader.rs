@@ -82,6 +82,8 @@ fn model(family: Family) -> Model {
         rig: rig(),
         mesh: MeshIdentity {
             scene_sha256: "0".repeat(64),
+            shape_sha256: None,
+            receivers_sha256: None,
             vertices: VERTICES as u32,
             points: POINTS as u32,
             parts: Vec::new(),

@@ -61,6 +61,8 @@ pub(crate) fn model(points: usize, frame: Frame) -> Model {
         rig: rig(),
         mesh: MeshIdentity {
             scene_sha256: "0".repeat(64),
+            shape_sha256: None,
+            receivers_sha256: None,
             vertices: points as u32,
             points: points as u32,
             parts: Vec::new(),

@@ -24,10 +24,12 @@ pub(crate) struct FitFlags {
     /// occluder at least as many as there are coefficients].
     #[arg(long, value_name = "N")]
     outputs: Option<u32>,
-    /// Instead of --inputs: keep this share of the pose variance.
+    /// Instead of --inputs: keep this share of the pose variance, above 0 to 1. --outputs stays what it is
+    /// [default of the clustered families: 0.9].
     #[arg(long, value_name = "SHARE", conflicts_with = "inputs")]
     retain_inputs: Option<f64>,
-    /// Instead of --outputs: keep this share of the signal's energy.
+    /// Instead of --outputs: keep this share of the signal's variance over the poses (the mean is kept
+    /// anyway), above 0 to 1. --inputs stays what it is [default of the clustered families: 0.95].
     #[arg(long, value_name = "SHARE", conflicts_with = "outputs")]
     retain_outputs: Option<f64>,
     /// Pose clusters of multilinear [default: 10]; clusters of points of the clustered families

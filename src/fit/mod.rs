@@ -69,13 +69,13 @@ pub enum Family {
         /// Output dimensions, from 1 to the rank of the rows of all poses and coefficients.
         outputs: usize,
     },
-    /// As `PcaLinear`, with the fewest dimensions that retain enough.
+    /// As `PcaLinear`, with the fewest dimensions that retain enough on one side or on both.
     PcaRetaining {
-        /// Share of the variance of the pose parameters, in (0, 1].
-        inputs: f64,
-        /// Share of the energy of the outputs, in (0, 1]. Energy rather than variance, because no
-        /// mean is stored apart from the basis.
-        outputs: f64,
+        /// Of the variance of the pose parameters.
+        inputs: Kept,
+        /// Of the variance of the outputs over the poses. The basis holds their mean too, for which it may
+        /// need as many more dimensions as there are coefficients.
+        outputs: Kept,
     },
     /// Ridges around several poses, blended (AO07).
     Multilinear(MultilinearSizes),
@@ -254,11 +254,11 @@ pub fn fit_shared(
             }
         },
         Family::PcaLinear { inputs, outputs } => {
-            let sizes = pca_linear::Sizes::Exactly { inputs, outputs };
+            let sizes = (Kept::Count(inputs), Kept::Count(outputs));
             pca_linear::fit(&source, &regression, sizes, (settings, shared), &mut clock)?
         }
         Family::PcaRetaining { inputs, outputs } => {
-            let sizes = pca_linear::Sizes::Retaining { inputs, outputs };
+            let sizes = (inputs, outputs);
             pca_linear::fit(&source, &regression, sizes, (settings, shared), &mut clock)?
         }
         Family::Multilinear(sizes) => {
@@ -330,8 +330,10 @@ fn check(settings: &Settings) -> Result<(), Error> {
         }
     }
     if let Family::PcaRetaining { inputs, outputs } = settings.family {
-        for (what, found) in [("pose variance", inputs), ("output energy", outputs)] {
-            if !(found > 0.0 && found <= 1.0) {
+        for (what, kept) in [("pose variance", inputs), ("output variance", outputs)] {
+            if let Kept::Share(found) = kept
+                && !(found > 0.0 && found <= 1.0)
+            {
                 return Err(Error::Share { what, found });
             }
         }

@@ -35,7 +35,12 @@ impl Noise {
     /// The fewest leading `values` (squared singular values, descending) whose signal holds
     /// `share` of that in `energy`, and whether they do. Only values above the edge count.
     pub(super) fn fewest(&self, values: &[f64], energy: f64, share: f64) -> (usize, bool) {
-        let needed = share * self.signal_energy(energy) * (1.0 - ROUND_OFF);
+        self.fewest_of(values, share * self.signal_energy(energy))
+    }
+
+    /// The same for a stated Σ θ².
+    pub(super) fn fewest_of(&self, values: &[f64], needed: f64) -> (usize, bool) {
+        let needed = needed * (1.0 - ROUND_OFF);
         let mut sum = 0.0;
         for (i, &value) in values.iter().enumerate() {
             if sum >= needed {

@@ -33,7 +33,8 @@ pub(super) enum Outputs {
     Exactly(usize),
     /// This many, or as many as there are.
     AtMost(usize),
-    /// The fewest that hold this share of Σ y², as far as it is not noise of the data.
+    /// The fewest that leave no more outside than the rest of this share of Σ (y − ȳ)², as far as that is not
+    /// noise of the data. What holds ȳ itself comes on top.
     Retaining(f64),
 }
 
@@ -124,7 +125,8 @@ impl OutputBasis {
                 Outputs::Exactly(asked) => asked,
                 Outputs::AtMost(asked) => asked.min(sketch.k),
                 Outputs::Retaining(share) => {
-                    let (count, enough) = noise.fewest(&ritz.values, sketch.energy, share);
+                    let needed = needed(&sketch, noise, share);
+                    let (count, enough) = noise.fewest_of(&ritz.values, needed);
                     if !enough && sketch.k < most {
                         sketch.widen((2 * sketch.k).min(most));
                         last = sketch.passes + MOST_PASSES;
@@ -154,7 +156,8 @@ impl OutputBasis {
             Outputs::Exactly(asked) => asked,
             Outputs::AtMost(asked) => asked.min(available).max(1),
             Outputs::Retaining(share) => {
-                noise.fewest(&spectrum, sketch.energy, share).0.min(available).max(1)
+                let needed = needed(sketch, noise, share);
+                noise.fewest_of(&spectrum, needed).0.min(available).max(1)
             }
         };
         if outputs > available {
@@ -202,6 +205,15 @@ impl OutputBasis {
     pub(super) fn vectors(&self, outputs: usize) -> Vec<f32> {
         self.vectors.chunks_exact(self.outputs).flat_map(|row| &row[..outputs]).copied().collect()
     }
+}
+
+/// The energy without noise that a basis is to hold, so that what it leaves outside is the rest of a share of
+/// the variance about the mean.
+fn needed(sketch: &Sketch<'_>, noise: Noise, share: f64) -> f64 {
+    let poses = sketch.groups.len();
+    // The mean over the poses takes one of them in each coefficient.
+    let varying = Noise { rows: noise.rows - noise.rows / poses, ..noise };
+    noise.signal_energy(sketch.energy) - (1.0 - share) * varying.signal_energy(sketch.spread)
 }
 
 /// Whether another step would still lower the energy outside the leading vectors noticeably.

@@ -9,18 +9,9 @@ use super::report::Clock;
 use super::ridge::{Choice, Regression, Unseen};
 use super::shared::{self, Basis, Shared};
 use super::source::Source;
-use super::{Error, Fitted, Settings};
+use super::{Error, Fitted, Kept, Settings};
 use crate::model::Decoder;
 use crate::num::linalg::rows_of_mut;
-
-/// How many dimensions.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Sizes {
-    /// These numbers of them.
-    Exactly { inputs: usize, outputs: usize },
-    /// The fewest that hold these shares.
-    Retaining { inputs: f64, outputs: f64 },
-}
 
 /// The outputs in the basis, regressed on the poses.
 struct Regressed {
@@ -38,7 +29,7 @@ struct Regressed {
 pub(super) fn fit(
     source: &Source<'_>,
     regression: &Regression<'_>,
-    sizes: Sizes,
+    sizes: (Kept, Kept),
     (settings, shared): (&Settings, &Shared),
     clock: &mut Clock,
 ) -> Result<Fitted, Error> {
@@ -86,14 +77,19 @@ pub(super) fn fit(
 }
 
 /// d_in, checked, and what to ask of the basis.
-fn dimensions(regression: &Regression<'_>, sizes: Sizes) -> Result<(usize, Outputs), Error> {
+fn dimensions(
+    regression: &Regression<'_>,
+    (inputs, outputs): (Kept, Kept),
+) -> Result<(usize, Outputs), Error> {
     let design = regression.design;
     let (available, poses) = (design.rank(), design.poses());
-    let (asked, outputs) = match sizes {
-        Sizes::Exactly { inputs, outputs } => (inputs, Outputs::Exactly(outputs)),
-        Sizes::Retaining { inputs, outputs } => {
-            (design.retaining(inputs).max(1), Outputs::Retaining(outputs))
-        }
+    let asked = match inputs {
+        Kept::Count(count) => count,
+        Kept::Share(share) => design.retaining(share).max(1),
+    };
+    let outputs = match outputs {
+        Kept::Count(count) => Outputs::Exactly(count),
+        Kept::Share(share) => Outputs::Retaining(share),
     };
     if !(1..=available).contains(&asked) {
         return Err(Error::Inputs { asked, poses, available });

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 pub(super) use super::limits;
-use super::{Error, OccluderSizes, RestSizes, RigHeader};
+use super::{Error, MeshIdentity, OccluderSizes, RestSizes, RigHeader};
 use crate::sh::Order;
 
 /// The version that this build writes, and the newest that it reads.
@@ -173,36 +173,6 @@ fn is_false(flag: &bool) -> bool {
     !flag
 }
 
-/// The mesh that a model was made for.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct MeshIdentity {
-    /// SHA-256 of the scene's bytes, 64 lower-case hexadecimal digits.
-    pub scene_sha256: String,
-    /// Vertices in the scene's own order.
-    pub vertices: u32,
-    /// Merged vertices, what the model evaluates.
-    pub points: u32,
-    /// Which vertices belong to which primitive; contiguous, covering all vertices.
-    pub parts: Vec<PartRange>,
-}
-
-/// The vertices of one primitive of one node.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PartRange {
-    /// Mesh name.
-    pub name: String,
-    /// Index into `rig.nodes`.
-    pub node: u32,
-    /// The primitive's index within the node's mesh.
-    pub primitive: u32,
-    /// First vertex.
-    pub first_vertex: u32,
-    /// Number of vertices.
-    pub vertices: u32,
-}
-
 /// The cloud of training poses in parameter space.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -306,41 +276,6 @@ impl Header {
         self.mesh.check(self.rig.nodes.len())?;
         self.training.check(self.parameters())?;
         check_name("provenance.generator", &self.provenance.generator)
-    }
-}
-
-impl MeshIdentity {
-    fn check(&self, nodes: usize) -> Result<(), Error> {
-        let hash = self.scene_sha256.as_bytes();
-        if hash.len() != 64 || !hash.iter().all(|c| matches!(c, b'0'..=b'9' | b'a'..=b'f')) {
-            return Err(field("mesh.scene_sha256", "it is not 64 lower-case hexadecimal digits"));
-        }
-        within("vertices", u64::from(self.vertices), limits::POINTS)?;
-        within("mesh parts", self.parts.len() as u64, limits::PARTS)?;
-        if self.points == 0 || self.points > self.vertices {
-            let problem = format!("{} points for {} vertices", self.points, self.vertices);
-            return Err(field("mesh.points", problem));
-        }
-        let mut next = 0_u32;
-        for (i, part) in self.parts.iter().enumerate() {
-            let place = format!("mesh.parts[{i}]");
-            check_name(&place, &part.name)?;
-            check_index(&format!("{place}.node"), part.node, nodes)?;
-            if part.first_vertex != next {
-                return Err(field(
-                    place,
-                    format!("it starts at {}, not {next}", part.first_vertex),
-                ));
-            }
-            next = next
-                .checked_add(part.vertices)
-                .filter(|&end| end <= self.vertices)
-                .ok_or_else(|| field(place, "it reaches beyond the last vertex"))?;
-        }
-        if !self.parts.is_empty() && next != self.vertices {
-            return Err(field("mesh.parts", format!("they end at {next}, not {}", self.vertices)));
-        }
-        Ok(())
     }
 }
 

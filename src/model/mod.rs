@@ -18,6 +18,7 @@ mod fold;
 mod frame;
 mod header;
 pub mod limits;
+mod mesh_header;
 mod multilinear;
 pub mod occluder;
 mod pose;
@@ -37,9 +38,9 @@ pub use error::Error;
 pub use fitted::Model;
 pub use fold::Folded;
 pub use header::{
-    FORMAT_VERSION, Family, Frame, Header, MeshIdentity, PartRange, Precision, Provenance, Signal,
-    TrainingSummary,
+    FORMAT_VERSION, Family, Frame, Header, Precision, Provenance, Signal, TrainingSummary,
 };
+pub use mesh_header::{MeshIdentity, PartRange};
 pub use multilinear::Multilinear;
 pub use occluder::{OccluderSizes, Occluders, Surface};
 pub use pose::{JointPose, JointTransform};

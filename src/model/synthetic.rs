@@ -91,6 +91,8 @@ pub(super) fn header(family: Family, signal: Signal, frame: Frame, channels: u8)
         rig: rig(),
         mesh: MeshIdentity {
             scene_sha256: "0123456789abcdef".repeat(4),
+            shape_sha256: None,
+            receivers_sha256: None,
             vertices: VERTICES as u32,
             points: POINTS as u32,
             parts: vec![

@@ -13,9 +13,10 @@ use bake_fields::{checked_bake, checked_noises, checked_receivers, checked_subsu
 use target::{checked_choice, checked_reference};
 
 use super::recipe::{
-    DEFAULT_CLUSTER_RETAINED, DEFAULT_DIRECTIONS, DEFAULT_GROUPS, DEFAULT_INPUTS, DEFAULT_OUTPUTS,
-    DEFAULT_POSE_CLUSTERS, DEFAULT_RETAINED, DEFAULT_SPHERES, FamilyName, FitRecipe, OnName,
-    ParametrisationName, PoseChoiceName, PosesRecipe, PrecisionName, Recipe, RidgeName, VERSION,
+    DEFAULT_CLUSTER_INPUTS, DEFAULT_CLUSTER_RETAINED, DEFAULT_DIRECTIONS, DEFAULT_GROUPS,
+    DEFAULT_INPUTS, DEFAULT_OUTPUTS, DEFAULT_POSE_CLUSTERS, DEFAULT_SPHERES, FamilyName, FitRecipe,
+    OnName, ParametrisationName, PoseChoiceName, PosesRecipe, PrecisionName, Recipe, RidgeName,
+    VERSION,
 };
 use super::rounds::Noises;
 use super::subdivide;
@@ -238,7 +239,7 @@ fn clustered(fit: &FitRecipe, form: model::Form) -> Result<fit::Family, RecipeEr
     Ok(fit::Family::Clustered(fit::ClusteredSizes {
         form,
         clusters: fit.clusters.map(|count| count as usize),
-        inputs: kept(fit.inputs, fit.retain_inputs, DEFAULT_RETAINED),
+        inputs: kept(fit.inputs, fit.retain_inputs, DEFAULT_CLUSTER_INPUTS),
         outputs: kept(fit.outputs, fit.retain_outputs, DEFAULT_CLUSTER_RETAINED),
         neurons: fit.neurons.map(|count| count as usize),
     }))
@@ -279,8 +280,8 @@ fn multilinear(fit: &FitRecipe, inputs: u32) -> Result<fit::MultilinearSizes, Re
     })
 }
 
-/// Shares of pose variance and output energy, where sizes are given by them.
-fn retaining(fit: &FitRecipe) -> Result<Option<(f64, f64)>, RecipeError> {
+/// Sizes of `pca-linear` where a share of the variance gives at least one of them.
+fn retaining(fit: &FitRecipe) -> Result<Option<(fit::Kept, fit::Kept)>, RecipeError> {
     let sides = [
         ("fit.retain_inputs", fit.retain_inputs, fit.inputs),
         ("fit.retain_outputs", fit.retain_outputs, fit.outputs),
@@ -292,8 +293,12 @@ fn retaining(fit: &FitRecipe) -> Result<Option<(f64, f64)>, RecipeError> {
         }
     }
     let any = fit.retain_inputs.or(fit.retain_outputs).is_some();
-    let share = |side: Option<f64>| side.unwrap_or(DEFAULT_RETAINED);
-    Ok(any.then(|| (share(fit.retain_inputs), share(fit.retain_outputs))))
+    let kept = |share: Option<f64>, count: Option<u32>, default: u32| match share {
+        Some(share) => fit::Kept::Share(share),
+        None => fit::Kept::Count(count.unwrap_or(default) as usize),
+    };
+    let inputs = kept(fit.retain_inputs, fit.inputs, DEFAULT_INPUTS);
+    Ok(any.then(|| (inputs, kept(fit.retain_outputs, fit.outputs, DEFAULT_OUTPUTS))))
 }
 
 fn precision(name: PrecisionName) -> model::Precision {

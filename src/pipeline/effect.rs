@@ -41,7 +41,7 @@ pub fn effective_fit(recipe: &Recipe) -> Result<(), RecipeError> {
             return Err(RecipeError { field, found, expected });
         }
     }
-    shares(fit)?;
+    sizes(fit)?;
     if fit.include_rest && !looks_at_mesh(fit) {
         let (field, found) = ("fit.include_rest", "true".to_owned());
         let expected = "only a model of the family occluder, an unshadowed one, or one in the tangent frame \
@@ -154,17 +154,8 @@ fn stated(fit: &FitRecipe) -> impl Iterator<Item = Stated> {
     fields.into_iter().flatten()
 }
 
-/// Sizes of one side by a count and of the other by a share, and sizes of a part that is not there.
-fn shares(fit: &FitRecipe) -> Result<(), RecipeError> {
-    if fit.family == PcaLinear {
-        let expected = "the other side is given by a share: give this one by a share too";
-        if fit.retain_outputs.is_some() {
-            absent("fit.inputs", fit.inputs, expected)?;
-        }
-        if fit.retain_inputs.is_some() {
-            absent("fit.outputs", fit.outputs, expected)?;
-        }
-    }
+/// Sizes of a part that is not there.
+fn sizes(fit: &FitRecipe) -> Result<(), RecipeError> {
     if fit.family == Occluder && fit.inputs.is_none() {
         absent("fit.outputs", fit.outputs, "without inputs the family occluder has no outputs")?;
     }
@@ -270,9 +261,7 @@ mod tests {
         assert_eq!(family(PcaLinear, |f| f.published = true), Some("fit.published"));
         assert_eq!(family(Linear, |f| f.blend_exponent = 4.0), Some("fit.blend_exponent"));
         let mixed = |f: &mut FitRecipe| (f.inputs, f.retain_outputs) = (Some(8), Some(0.9));
-        assert_eq!((family(PcaLinear, mixed), family(ClusteredLinear, mixed)), {
-            (Some("fit.inputs"), None)
-        });
+        assert_eq!((family(PcaLinear, mixed), family(ClusteredLinear, mixed)), { (None, None) });
         let rest = |f: &mut FitRecipe| f.include_rest = true;
         let turned = |f: &mut FitRecipe| (f.include_rest, f.frame) = (true, FrameName::Tangent);
         assert_eq!(family(Linear, turned), None);

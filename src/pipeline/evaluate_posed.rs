@@ -5,8 +5,10 @@ use std::borrow::Cow;
 
 use glam::{Affine3A, Vec3};
 
-use super::evaluate::{EvaluateError, Query, node_order, parameters};
-use super::{normals, recipe_of_model, valued};
+use super::EvaluateError;
+use super::evaluate::{Query, node_order, parameters};
+use super::valued::valued_by_count;
+use super::{normals, recipe_of_model};
 use crate::model::{JointPose, Model, PosedPoints, SourceHeader};
 use crate::rig::{self, Deformed, Facets, Pose, RigidFrame, Tangents};
 use crate::scene::Scene;
@@ -131,13 +133,14 @@ pub(super) fn anew(model: &Model, scene: &Scene) -> Option<Facets> {
     normals::facets(&recipe_of_model(model).ok()?.bake, scene)
 }
 
-/// The scene without what only blocks: as many vertices as the model has.
+/// The scene without what only blocks: as many vertices as the model has. Whether they are the model's was
+/// asked before, once for all poses.
 fn own<'a>(model: &Model, scene: &'a Scene) -> Result<Cow<'a, Scene>, EvaluateError> {
     let expected = model.header().mesh.vertices as usize;
     if scene.mesh.positions.len() == expected {
         return Ok(Cow::Borrowed(scene));
     }
-    let valued = valued(model, scene)?;
+    let valued = valued_by_count(model, scene)?;
     match valued.receivers {
         0 => Ok(valued.scene),
         receivers => Err(EvaluateError::Vertices { found: expected - receivers, expected }),

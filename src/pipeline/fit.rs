@@ -129,6 +129,7 @@ pub(super) fn fit_part(
     };
     let report = fitted.report.clone();
     let model = assemble(dataset, recipe, (&checked, settings), fitted, assembled)?;
+    let model = model.with_shapes(dataset.shapes())?;
     let model = if recipe.fit.include_rest { with_rest(model, dataset)? } else { model };
     Ok(FittedModel { model, report, fit_s })
 }
@@ -250,14 +251,17 @@ fn give_way(
     recipe: &FitRecipe,
     error: fit::Error,
 ) -> Result<(), fit::Error> {
-    use fit::Family::{Multilinear, PcaLinear};
+    use fit::Family::{Multilinear, PcaLinear, PcaRetaining};
+    use fit::Kept::Count;
     let (size, asked, available) = match (&error, family) {
-        (fit::Error::Inputs { available, .. }, PcaLinear { inputs, .. }) => {
-            (inputs, recipe.inputs, *available)
-        }
-        (fit::Error::Outputs { available, .. }, PcaLinear { outputs, .. }) => {
-            (outputs, recipe.outputs, *available)
-        }
+        (
+            fit::Error::Inputs { available, .. },
+            PcaLinear { inputs, .. } | PcaRetaining { inputs: Count(inputs), .. },
+        ) => (inputs, recipe.inputs, *available),
+        (
+            fit::Error::Outputs { available, .. },
+            PcaLinear { outputs, .. } | PcaRetaining { outputs: Count(outputs), .. },
+        ) => (outputs, recipe.outputs, *available),
         (fit::Error::Inputs { available, .. }, Multilinear(sizes)) => {
             (&mut sizes.inputs, recipe.inputs, *available)
         }
@@ -361,6 +365,8 @@ fn header(
         rest: None,
         mesh: MeshIdentity {
             scene_sha256: scene,
+            shape_sha256: None,
+            receivers_sha256: None,
             vertices: layout.vertices as u32,
             points: layout.points as u32,
             parts: parts(dataset, &rig),
@@ -426,6 +432,13 @@ mod tests {
         assert_eq!(way(pca, &nobody, inputs(3)), Some(fewer));
         let fewer = fit::Family::PcaLinear { inputs: 8, outputs: 3 };
         assert_eq!(way(pca, &nobody, outputs(3)), Some(fewer));
+        let (half, some) = (fit::Kept::Share(0.5), fit::Kept::Count);
+        let shared = fit::Family::PcaRetaining { inputs: half, outputs: some(22) };
+        let fewer = fit::Family::PcaRetaining { inputs: half, outputs: some(3) };
+        assert_eq!(way(shared, &nobody, outputs(3)), Some(fewer));
+        let shared = fit::Family::PcaRetaining { inputs: some(8), outputs: half };
+        let fewer = fit::Family::PcaRetaining { inputs: some(3), outputs: half };
+        assert_eq!(way(shared, &nobody, inputs(3)), Some(fewer));
         let sizes = |family| match family {
             Some(fit::Family::Multilinear(sizes)) => Some((sizes.clusters, sizes.inputs)),
             _ => None,

@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use glam::{Mat3, Quat, Vec3};
 
-use super::evaluate::{EvaluateError, Query, spread};
+use super::EvaluateError;
+use super::evaluate::{Query, spread};
 use super::evaluate_posed::{of_scene, places, surface};
 use crate::model::{Model, Signal};
 use crate::num::cpu::Isa;

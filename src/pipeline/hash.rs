@@ -9,11 +9,15 @@ use sha2::{Digest, Sha256};
 
 use super::recipe::subdivide::SubdivideRecipe;
 use super::recipe::{BakeRecipe, Recipe};
-use crate::scene::Source;
+use crate::rig::Part;
+use crate::scene::{Scene, Source};
 
 /// Changes whenever the same recipe begins to give other bytes, so that old results are not
 /// mistaken for new ones.
 const ALGORITHM: u32 = 2;
+
+/// The same of fits: since models say which vertices and triangles they are of.
+const FITTED: u32 = 1;
 
 /// The same of refinements: since neighbours differ by one split at most, fillers stay whole, and both sides
 /// of a seam get the same weights.
@@ -64,7 +68,7 @@ impl Hashes {
                 stage("bake", &(number, scene, &recipe.poses, &recipe.bake, subdivide, sized))
             }
         };
-        let fit = stage("fit", &(&bake, &recipe.fit, &recipe.target, &recipe.output));
+        let fit = stage("fit", &(FITTED, &bake, &recipe.fit, &recipe.target, &recipe.output));
         Self { scene: scene.to_owned(), bake, fit }
     }
 }
@@ -102,6 +106,35 @@ pub(super) fn scene(sources: &[Source]) -> String {
             hasher.update((bytes.len() as u64).to_le_bytes());
             hasher.update(bytes);
         }
+    }
+    hexadecimal(&hasher.finalize())
+}
+
+/// The hash of what ties a model to a mesh, which other files may hold as well: how many vertices some
+/// parts of a scene have, where they are, each in its own mesh's space, and how triangles join them. A
+/// sequence's first frame is one pose of many, so places are left out there.
+#[must_use]
+pub(super) fn shape<'a>(
+    scene: &Scene,
+    parts: impl IntoIterator<Item = &'a Part> + Clone,
+) -> String {
+    let mut hasher = Sha256::new();
+    let vertices: usize = parts.clone().into_iter().map(|part| part.vertices.len()).sum();
+    hasher.update((vertices as u64).to_le_bytes());
+    if !scene.is_sequence {
+        for part in parts.clone() {
+            let places = scene.mesh.positions[part.vertices.clone()].iter();
+            // Adding 0 makes −0 the 0 that it is equal to.
+            let numbers = places.flat_map(|place| place.to_array()).map(|number| number + 0.0);
+            hasher.update(numbers.flat_map(f32::to_le_bytes).collect::<Vec<u8>>());
+        }
+    }
+    let mut first = 0;
+    for part in parts {
+        let moved = |corner: &u32| first + corner - part.vertices.start as u32;
+        let corners = scene.mesh.triangles[part.triangles.clone()].as_flattened().iter().map(moved);
+        hasher.update(corners.flat_map(u32::to_le_bytes).collect::<Vec<u8>>());
+        first += part.vertices.len() as u32;
     }
     hexadecimal(&hasher.finalize())
 }

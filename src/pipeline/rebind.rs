@@ -78,7 +78,7 @@ pub enum RebindError {
     /// Nothing says where the points are.
     #[error(
         "the model does not carry its mesh at rest: name the scene that it was baked from with \
-         --original, or fit it with --include-rest"
+         --original (only models that look at the posed mesh can carry it, by --include-rest)"
     )]
     NeedsOriginal,
     /// The original is another scene.
@@ -215,6 +215,8 @@ fn identity(scene: &Scene, names: &[&str]) -> MeshIdentity {
     });
     MeshIdentity {
         scene_sha256: hash::scene(&scene.sources),
+        shape_sha256: Some(hash::shape(scene, &scene.mesh.parts)),
+        receivers_sha256: None,
         vertices: scene.mesh.positions.len() as u32,
         // The model's own; the caller's copy says how many.
         points: 0,

@@ -4,7 +4,8 @@ mod settings;
 
 use glam::{DQuat, Vec3};
 
-use super::evaluate::{EvaluateError, Light as ModelLight, Query};
+use super::EvaluateError;
+use super::evaluate::{Light as ModelLight, Query};
 use super::evaluate_posed::anew;
 use super::finish::{Finish, FinishError};
 use super::gloss::Gloss;

@@ -124,3 +124,77 @@ fn light_below_the_surface_has_no_truth() {
     assert!(told(Some("skin")).contains("below the surface"), "{}", told(Some("skin")));
     assert!(!told(None).contains("no truth"), "{}", told(None));
 }
+
+/// A mesh of as many vertices is another where they lie elsewhere, in another order, or are joined otherwise:
+/// it is refused with both names and what to do, also among nodes that only block. A model from before this was
+/// asked takes it.
+#[test]
+fn as_many_vertices_are_not_the_mesh() {
+    let edits: [fn(&mut Scene); 3] = [
+        |scene| scene.mesh.positions.swap(5, 6),
+        |scene| scene.mesh.positions[4].x += 1e-6,
+        |scene| scene.mesh.triangles[2].rotate_left(1),
+    ];
+    for nodes in [vec![], vec!["lid".to_owned()]] {
+        let model = model(None, |around| around.occluder_nodes = nodes);
+        let old = model.clone().with_shapes([None, None]).unwrap();
+        for edit in edits {
+            let mut other = two_nodes::scene(false);
+            edit(&mut other);
+            other.sources[0].name = "again.glb".into();
+            let told = valued(&model, &other).unwrap_err().to_string();
+            assert!(told.starts_with("again.glb has as many vertices"), "{told}");
+            assert!(told.contains("two.gltf") && told.ends_with("`poselight rebind`"), "{told}");
+            assert!(check_mesh(&model, &other).is_err());
+            assert!(still(&other, Some(&model), &picture()).is_err());
+            assert!(valued(&old, &other).is_ok() && still(&other, Some(&old), &picture()).is_ok());
+        }
+    }
+    let model = model(Some(patch()), |around| {
+        around.receivers = Some(ReceiversRecipe { file: "patch.obj".into(), sha256: None });
+    });
+    let mut other = patch();
+    check_receivers(&model, &other).unwrap();
+    other.mesh.positions.swap(0, 1);
+    assert!(check_receivers(&model, &other).is_err());
+}
+
+/// The same vertices are the same mesh, whatever else is another: names, clips, where nodes stand at rest,
+/// normals, the file's bytes, the sign of a zero, and whether the nodes that only block are there at all.
+#[test]
+fn the_same_vertices_are_the_mesh() {
+    let edits: [fn(&mut Scene); 6] = [
+        |scene| scene.mesh.parts[1].name = "carpet".into(),
+        |scene| scene.clips.clear(),
+        |scene| scene.skeleton.nodes[1].rest.translation.y = 0.25,
+        |scene| scene.mesh.normals.fill(glam::Vec3::X),
+        |scene| scene.sources[0].bytes.push(b' '),
+        |scene| scene.mesh.positions.iter_mut().for_each(|place| place.y = -place.y),
+    ];
+    for nodes in [vec![], vec!["lid".to_owned()]] {
+        let model = model(None, |around| around.occluder_nodes = nodes.clone());
+        assert!(model.header().mesh.shape_sha256.is_some());
+        for edit in edits {
+            let mut same = two_nodes::scene(false);
+            edit(&mut same);
+            assert_eq!(valued(&model, &same).unwrap().taken, 4 * nodes.len());
+            check_mesh(&model, &same).unwrap();
+        }
+        let mut alone = two_nodes::scene(false);
+        alone.mesh = alone.mesh.split(|part| part.name == "square").0;
+        assert_eq!(valued(&model, &alone).is_ok(), !nodes.is_empty());
+    }
+}
+
+/// A sequence starts with one pose of many: other places are taken, other faces are not.
+#[test]
+fn a_sequence_is_known_by_its_faces() {
+    let mut scene = two_nodes::scene(false);
+    scene.is_sequence = true;
+    let hash = |scene: &Scene| hash::shape(scene, &scene.mesh.parts);
+    let before = hash(&scene);
+    scene.mesh.positions.reverse();
+    assert_eq!(hash(&scene), before);
+    scene.mesh.triangles.swap(0, 1);
+    assert_ne!(hash(&scene), before);
+}

@@ -202,7 +202,7 @@ impl EvaluateRequest {
         let needed = needs_scene(model) || (self.positions.is_some() && model.needs_surface());
         let reflecting = self.brdf.is_some() && model.rest().is_none();
         let wanted = self.scene.is_some() || needed || reflecting;
-        let scene = || scenes::of_model(service, id, self.scene.as_ref(), "#/scene");
+        let scene = || scenes::of_model(service, (id, model), self.scene.as_ref(), "#/scene");
         wanted.then(scene).transpose()
     }
 
@@ -274,7 +274,7 @@ impl ClipRequest {
             check_time(time_s)
                 .map_err(|fault| Problem::field(format!("#/clip/times_s/{index}"), fault))?;
         }
-        let scene = scenes::of_model(service, id, named.as_ref(), "#/clip")?;
+        let scene = scenes::of_model(service, (id, model), named.as_ref(), "#/clip")?;
         let queries = Query::from_clip(model, &scene, &self.name, self.times_s.iter().copied())
             .map_err(|error| refused("#/clip".to_owned(), &error))?;
         Ok((queries, scene))

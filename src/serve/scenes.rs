@@ -10,8 +10,10 @@ use serde::{Deserialize, Serialize};
 use super::Service;
 use super::answer::escaped;
 use super::assets::bad_asset;
+use super::poses::refused;
 use super::problem::Problem;
 use super::request::{JobRequest, check_files};
+use crate::model::Model;
 use crate::pipeline::{self, Scene};
 
 /// An uploaded scene.
@@ -25,14 +27,21 @@ pub(super) struct SceneRequest {
 }
 
 impl SceneRequest {
-    /// The scene, from the cache where it was met before; `pointer` is where it stands in the
+    /// The scene, from the cache where it was met before, for a model; `pointer` is where it stands in the
     /// request.
     ///
     /// # Errors
-    /// What is wrong with it, with its field.
-    pub(super) fn open(&self, service: &Service, pointer: &str) -> Result<Arc<Scene>, Problem> {
+    /// What is wrong with it, with its field; a mesh that passes for the model's and is another.
+    pub(super) fn open(
+        &self,
+        service: &Service,
+        model: &Model,
+        pointer: &str,
+    ) -> Result<Arc<Scene>, Problem> {
         let name = serde_json::to_string(self).map_err(|error| Problem::internal(&error))?;
-        service.hot.scene(name.as_bytes(), || self.import(service, pointer))
+        let scene = service.hot.scene(name.as_bytes(), || self.import(service, pointer))?;
+        pipeline::check_mesh(model, &scene).map_err(|error| refused(pointer.to_owned(), &error))?;
+        Ok(scene)
     }
 
     fn import(&self, service: &Service, pointer: &str) -> Result<Scene, Problem> {
@@ -67,12 +76,12 @@ impl SceneRequest {
 /// As [`SceneRequest::open`]; a model whose own scene is no longer here.
 pub(super) fn of_model(
     service: &Service,
-    id: &str,
+    (id, model): (&str, &Model),
     named: Option<&SceneRequest>,
     pointer: &str,
 ) -> Result<Arc<Scene>, Problem> {
     match named {
-        Some(scene) => scene.open(service, pointer),
+        Some(scene) => scene.open(service, model, pointer),
         None => service.hot.scene(format!("model {id}").as_bytes(), || own(service, id, pointer)),
     }
 }

@@ -19,6 +19,20 @@ fn refused(server: &Server, path: &str, body: &Value) -> String {
     answer.json()["errors"][0]["pointer"].as_str().unwrap_or_default().to_owned()
 }
 
+/// A GLB whose first two vertices changed places.
+fn shuffled(glb: &[u8]) -> Vec<u8> {
+    let length = u32::from_le_bytes(glb[12..16].try_into().expect("four bytes")) as usize;
+    let text: Value = serde_json::from_slice(&glb[20..20 + length]).expect("JSON");
+    let at = &text["meshes"][0]["primitives"][0]["attributes"]["POSITION"];
+    let accessor = &text["accessors"][at.as_u64().expect("an accessor") as usize];
+    let view = &text["bufferViews"][accessor["bufferView"].as_u64().expect("a view") as usize];
+    let offset = |of: &Value| of["byteOffset"].as_u64().unwrap_or(0) as usize;
+    let start = 28 + length + offset(view) + offset(accessor);
+    let mut glb = glb.to_vec();
+    glb[start..start + 24].rotate_left(12);
+    glb
+}
+
 /// Joints and clips of a model that looks at the posed mesh need no scene to be named: it is that of the model's job,
 /// over HTTP as over gRPC, and gives what the command line gives. When the job is gone the scene must
 /// be named.
@@ -43,9 +57,16 @@ fn the_scene_of_a_model_is_known() {
     let turn = |half: f32| json!({ name: { "rotation": [half.sin(), 0.0, 0.0, half.cos()] } });
     let pose = |half: f32| json!({ "poses": [{ "joints": turn(half) }] });
     let mut named = pose(0.4);
-    named["scene"] = scene;
+    named["scene"] = scene.clone();
     assert!(values(&pose(0.4)) == values(&named), "another scene than its own");
     assert!(values(&pose(0.4)) != values(&pose(0.0)), "the pose has no part in it");
+    let shuffled = shuffled(&fs::read(server.path("figure.glb")).expect("the figure"));
+    let digest = sha256(&shuffled);
+    let kept = server.put(&format!("/v1/assets/{digest}?name=figure.glb"), &shuffled, &[]);
+    assert_eq!(kept.status, 201, "{}", kept.text());
+    named["scene"] = json!({ "assets": { "figure.glb": digest } });
+    assert_eq!(refused(&server, &path, &named), "#/scene");
+    named["scene"] = scene;
     let blob = server.get(&format!("{model}/blob"), &[]).body;
     fs::write(server.path("model.safetensors"), blob).expect("written");
     let words = ["evaluate", "model.safetensors", "--scene", "figure.glb", "--clip", "jump"];

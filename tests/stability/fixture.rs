@@ -116,6 +116,8 @@ pub(crate) fn model(parts: &TrainingParts, fitted: &Fitted, frame: Frame) -> Mod
         },
         mesh: MeshIdentity {
             scene_sha256: "0".repeat(64),
+            shape_sha256: None,
+            receivers_sha256: None,
             vertices: parts.points as u32,
             points: parts.points as u32,
             parts: Vec::new(),

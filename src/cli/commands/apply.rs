@@ -31,6 +31,9 @@ pub(in crate::cli) fn apply(args: &ApplyArgs) -> anyhow::Result<Answer> {
     let whole = pipeline::import(&args.scene)?;
     let receivers = args.receivers.as_deref().map(pipeline::import).transpose()?;
     let valued = pipeline::valued(&model, &whole)?;
+    if let Some(receivers) = &receivers {
+        pipeline::check_receivers(&model, receivers)?;
+    }
     let scene = valued.scene.as_ref();
     let vertices = scene.mesh.positions.len();
     let received = receivers.as_ref().map_or(0, |receivers| receivers.mesh.positions.len());

@@ -9,7 +9,9 @@ use serde_json::{Value, json};
 use crate::cli::args::EvaluateArgs;
 use crate::cli::{Answer, files as arrays, light_source};
 use crate::model::{Frame, Model, Signal};
-use crate::pipeline::{self, GLOSS_LOBES, GLOSS_TERMS, Gloss, Light, Query, Scene, Valued};
+use crate::pipeline::{
+    self, EvaluateError, GLOSS_LOBES, GLOSS_TERMS, Gloss, Light, Query, Scene, Valued,
+};
 use crate::rig::{Part, Pose};
 use crate::sh::{Order, bent_normal};
 
@@ -17,8 +19,12 @@ pub(in crate::cli) fn evaluate(args: &EvaluateArgs) -> anyhow::Result<Answer> {
     super::named(&args.output, "npy")?;
     let model = super::read_model(&args.model)?.0;
     let scene = args.scene.as_deref().map(pipeline::import).transpose()?;
-    // The motion of another mesh on the same rig will do where the model does not look at the mesh.
-    let valued = scene.as_ref().and_then(|scene| pipeline::valued(&model, scene).ok());
+    let valued = scene.as_ref().map(|scene| pipeline::valued(&model, scene));
+    let valued = match valued.transpose() {
+        Err(other @ EvaluateError::OtherMesh { .. }) => return Err(other.into()),
+        // The motion of another mesh on the same rig will do where the model does not look at the mesh.
+        valued => valued.ok().flatten(),
+    };
     let posed = valued.as_ref().map(|valued| valued.scene.as_ref()).or(scene.as_ref());
     let queries = match (&args.parameters, posed, &args.clip) {
         (Some(path), _, _) => from_parameters(&model, path)?,

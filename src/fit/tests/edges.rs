@@ -1,7 +1,7 @@
 //! Data at the edge of what a fit can use, and beyond it.
 
 use super::*;
-use crate::fit::Error;
+use crate::fit::{Error, Kept};
 
 const SMALL: Sizes = Sizes { poses: 12, parameters: 4, points: 5, coefficients: 4 };
 const PCA: Family = Family::PcaLinear { inputs: 2, outputs: 2 };
@@ -140,6 +140,7 @@ fn settings_out_of_range_are_refused() {
         assert!(matches!(error, Error::Alpha { .. }));
     }
     for (inputs, outputs) in [(0.0, 0.5), (0.5, 1.5), (f64::NAN, 0.5)] {
+        let (inputs, outputs) = (Kept::Share(inputs), Kept::Share(outputs));
         let error = refusal(&parts, &settings(Family::PcaRetaining { inputs, outputs }));
         assert!(matches!(error, Error::Share { .. }));
     }

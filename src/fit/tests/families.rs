@@ -3,6 +3,7 @@
 use rayon::ThreadPoolBuilder;
 
 use super::*;
+use crate::fit::Kept;
 use crate::fit::design::{Design, Filter};
 use crate::num::linalg::thin_svd;
 
@@ -157,28 +158,43 @@ fn basis_is_the_exact_one() {
     }
 }
 
-/// Proves that the fewest dimensions are found that hold the shares asked for, where the sketch
-/// has to grow for it.
+/// Proves that the fewest dimensions are found that leave the rest of a share of the variance about the mean
+/// outside, where the sketch has to grow for it and the mean has most of the energy; that a share on one side
+/// goes with a number on the other.
 #[test]
 fn retained_shares_are_held() {
     let sizes = Sizes { poses: 60, parameters: 9, points: 300, coefficients: 4 };
     let mut parts = synthetic(sizes, 0.0, 8);
     let mut stream = Stream::new(9);
-    parts.values.iter_mut().for_each(|y| *y = stream.normal() as f32);
+    let mean: Vec<f32> = (0..300 * 4).map(|_| 5.0 * stream.normal() as f32).collect();
+    for pose in parts.values.chunks_exact_mut(mean.len()) {
+        pose.iter_mut().zip(&mean).for_each(|(y, mean)| *y = mean + stream.normal() as f32);
+    }
     let exact = thin_svd(rows(&parts).as_ref()).unwrap();
-    let energy: f64 = exact.s.iter().map(|s| s * s).sum();
+    let squares: Vec<f64> = exact.s.iter().map(|s| s * s).collect();
     for share in [0.05, 0.5, 0.9, 1.0] {
-        let fitted = run(&parts, &trained(Family::PcaRetaining { inputs: 0.7, outputs: share }));
-        let held = |count: usize| exact.s[..count].iter().map(|s| s * s).sum::<f64>() / energy;
+        let (inputs, outputs) = (Kept::Share(0.7), Kept::Share(share));
+        let fitted = run(&parts, &trained(Family::PcaRetaining { inputs, outputs }));
+        let spread = fitted.report.spread_rms.powi(2) * parts.values.len() as f64;
+        assert!(spread < 0.1 * squares.iter().sum::<f64>(), "the mean is to have most");
+        let held = |count: usize| 1.0 - squares[count..].iter().sum::<f64>() / spread;
         let count = fitted.report.outputs;
         assert!(held(count) >= share - 1e-3, "{count} outputs hold {}", held(count));
-        assert!(held(count - 1) < share + 1e-3, "{count} outputs are too many");
+        // A flat spectrum is found to a hundredth.
+        assert!(held(count - 1) < share + 1e-2, "{count} outputs are too many");
         let variances = &fitted.report.pose_spectrum;
         let total: f64 = variances.iter().sum();
         let inputs = fitted.report.inputs;
         assert!(variances[..inputs].iter().sum::<f64>() >= 0.7 * total);
         assert!(variances[..inputs - 1].iter().sum::<f64>() < 0.7 * total);
     }
+    let sizes = |inputs, outputs| {
+        let report = run(&parts, &trained(Family::PcaRetaining { inputs, outputs })).report;
+        (report.inputs, report.outputs)
+    };
+    assert_eq!(sizes(Kept::Share(1.0), Kept::Count(7)), (9, 7));
+    let (inputs, outputs) = sizes(Kept::Count(2), Kept::Share(0.05));
+    assert!(inputs == 2 && outputs > 4, "{outputs}");
 }
 
 /// Proves that the distance to the training poses has what it needs: orthonormal directions,

@@ -162,7 +162,7 @@ fn every_truncation_is_an_error() {
 #[test]
 fn lies_in_the_header_are_named() {
     type Lie = (&'static str, fn(&mut Value), &'static str);
-    let lies: [Lie; 28] = [
+    let lies: [Lie; 30] = [
         ("version", |h| h["format_version"] = 2.into(), "version 2"),
         ("family", |h| h["family"] = "magic".into(), "magic"),
         ("other family", |h| h["family"] = "linear".into(), "mean"),
@@ -179,6 +179,8 @@ fn lies_in_the_header_are_named() {
         ("no points", |h| h["mesh"]["points"] = 0.into(), "mesh.points"),
         ("vertices", |h| h["mesh"]["vertices"] = 4_000_000_000_u32.into(), "vertices"),
         ("hash", |h| h["mesh"]["scene_sha256"] = "x".into(), "mesh.scene_sha256"),
+        ("shape", |h| h["mesh"]["shape_sha256"] = "x".into(), "mesh.shape_sha256"),
+        ("receivers", |h| h["mesh"]["receivers_sha256"] = "x".into(), "mesh.receivers_sha256"),
         ("gap", |h| h["mesh"]["parts"][1]["first_vertex"] = 31.into(), "mesh.parts[1]"),
         ("part node", |h| h["mesh"]["parts"][0]["node"] = 4.into(), "mesh.parts[0].node"),
         ("cycle", |h| h["rig"]["nodes"][1]["parent"] = 1.into(), "rig.nodes[1].parent"),

@@ -6,6 +6,7 @@ use crate::model::{
     TrainingSummary,
 };
 use crate::num::random::Stream;
+use crate::pipeline::valued;
 use crate::rig::{Bones, Parametrisation, Part, Points, RootMotion};
 use crate::scene::{Limits, Source, figure, import_sources, size_m};
 
@@ -39,6 +40,8 @@ fn model_of(scene: &Scene, carries_rest: bool) -> Model {
         rig: RigHeader::new(&scene.skeleton, root, &bones, &angles, names, defaults),
         mesh: MeshIdentity {
             scene_sha256: hash::scene(&scene.sources),
+            shape_sha256: Some(hash::shape(scene, &scene.mesh.parts)),
+            receivers_sha256: None,
             vertices: mesh.positions.len() as u32,
             points: count as u32,
             parts: Vec::new(),
@@ -112,6 +115,8 @@ fn shuffled_and_split_vertices_find_their_points() {
         let header = found.model.header();
         assert_eq!((header.mesh.vertices as usize, header.mesh.parts.len()), (order.len(), 1));
         assert_ne!(header.mesh.scene_sha256, model.header().mesh.scene_sha256);
+        assert!(valued(&model, &again).is_err() && valued(&found.model, &again).is_ok());
+        assert!(valued(&model, &scene).is_ok() && valued(&found.model, &scene).is_err());
         let bytes = found.model.to_bytes(Precision::F32).unwrap();
         assert_eq!(Model::from_bytes(&bytes).unwrap().header(), header);
     }

@@ -17,8 +17,8 @@ pub const DEFAULT_POSE_CLUSTERS: u32 = 10;
 /// Share of each cluster's variance that the `clustered` families keep (RPO09 §5.2).
 pub const DEFAULT_CLUSTER_RETAINED: f64 = 0.95;
 
-/// Share of variance that `pca-linear` keeps where only the other side's is asked for (§5 again).
-pub const DEFAULT_RETAINED: f64 = 0.9;
+/// Share of the pose variance that they keep (PRT07 §5, as above).
+pub const DEFAULT_CLUSTER_INPUTS: f64 = 0.9;
 
 /// Spheres of `occluder` where none are asked for.
 pub const DEFAULT_SPHERES: u32 = 100;
@@ -45,9 +45,11 @@ pub struct FitRecipe {
     /// have where that is fewer; of `occluder` with harmonics as many as these have coefficients, where
     /// that is more.
     pub outputs: Option<u32>,
-    /// Instead of `inputs`: the share of the pose variance that `pca-linear` keeps, in (0, 1].
+    /// Instead of `inputs`: the share of the pose variance that `pca-linear` keeps, in (0, 1]; `outputs` is
+    /// stated or has its default. Of the `clustered` families 0.9 when both are absent.
     pub retain_inputs: Option<f64>,
-    /// Instead of `outputs`: the share of the signal's energy that `pca-linear` keeps, in (0, 1].
+    /// Instead of `outputs`: the share of the signal's variance over the poses that `pca-linear` keeps, in
+    /// (0, 1]; `inputs` is stated or has its default. Of the `clustered` families 0.95 when both are absent.
     pub retain_outputs: Option<f64>,
     /// Pose clusters of `multilinear`, 1 to 4096, 10 when absent; clusters of points of the
     /// `clustered` families, when absent as many as the skin weights have.

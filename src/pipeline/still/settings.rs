@@ -1,6 +1,6 @@
 //! What a still shows, and what cannot be shown.
 
-use super::super::evaluate::EvaluateError;
+use super::super::EvaluateError;
 use super::super::finish::{Finish, FinishError};
 use crate::fit;
 use crate::render::Tone;

@@ -142,7 +142,7 @@ impl Subject {
         let light = light.map(|light| light.on(service, &id, &model));
         let scene = setup.scene.map(|scene| {
             let file = Some(scene.file).filter(|file| !file.is_empty());
-            SceneRequest { assets: scene.assets, file }.open(service, "setup.scene")
+            SceneRequest { assets: scene.assets, file }.open(service, &model, "setup.scene")
         });
         let vertices = Some(setup.vertices).filter(|vertices| !vertices.is_empty());
         let (light, scene) = (light.transpose()?, scene.transpose()?);
@@ -153,7 +153,7 @@ impl Subject {
     fn scene(&self, service: &Service) -> Result<Arc<Scene>, Problem> {
         match &self.scene {
             Some(scene) => Ok(Arc::clone(scene)),
-            None => scenes::of_model(service, &self.id, None, "setup.scene"),
+            None => scenes::of_model(service, (&self.id, &self.model), None, "setup.scene"),
         }
     }
 
