@@ -46,6 +46,7 @@ pub use clustered::{ClusteredSizes, Kept};
 pub use error::Error;
 pub use geometry::Geometry;
 pub use multilinear::{MultilinearSizes, PointClusters};
+pub use occluder::Inscribed;
 pub use report::{FitReport, OccluderReport};
 pub use shared::{Largest, Shared};
 pub use sphere_set::sphere_set;

@@ -7,8 +7,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::clustered::Kept;
 use super::design::Design;
 use super::folds::Folds;
+use super::geometry::Geometry;
 use super::multilinear::Local;
-use super::occluder::{Placed, Sight};
+use super::occluder::{Inscribed, Placed, Sight};
 use super::output_basis::{OutputBasis, Projected};
 use super::output_parts::Part;
 use super::source::Rest;
@@ -32,6 +33,7 @@ pub struct Largest {
 #[derive(Debug, Default)]
 pub struct Shared {
     largest: Option<Largest>,
+    inscribed: Kind<(), Inscribed>,
     designs: Kind<Vec<String>, Design>,
     folds: Kind<FoldKey, Option<Folds>>,
     bases: Kind<Outputs, Basis>,
@@ -76,6 +78,17 @@ impl Shared {
     #[must_use]
     pub fn new(largest: Largest) -> Self {
         Self { largest: Some(largest), ..Self::default() }
+    }
+
+    /// For fits to some points of a mesh whose inscribed balls are known.
+    #[must_use]
+    pub fn with_inscribed(self, inscribed: Option<Arc<Inscribed>>) -> Self {
+        let known = inscribed.into_iter().map(|inscribed| ((), inscribed)).collect();
+        Self { inscribed: Kind(Mutex::new(known)), ..self }
+    }
+
+    pub(super) fn inscribed(&self, geometry: &Geometry<'_>) -> Result<Arc<Inscribed>, Error> {
+        self.inscribed.get(&(), || Ok(Inscribed::new(geometry)))
     }
 
     pub(super) fn largest(&self) -> Option<Largest> {

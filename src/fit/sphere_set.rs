@@ -4,7 +4,7 @@ use glam::{Affine3A, Vec3};
 
 use super::Error;
 use super::geometry::Geometry;
-use super::occluder::{Proxy, cut_among};
+use super::occluder::{Inscribed, Proxy, cut};
 use crate::model::Signal;
 use crate::model::occluder::ANCHORS;
 use crate::rig::{Bones, Influence, Mesh, Mix, Points, Pose, Skeleton};
@@ -36,7 +36,7 @@ pub fn sphere_set(skeleton: &Skeleton, mesh: &Mesh, count: usize) -> Result<Sphe
         tangents: None,
         poses: Vec::new(),
     };
-    let spheres = cut_among(&geometry, count, Proxy::Sphere, CLOUD)?;
+    let spheres = cut(&Inscribed::among(&geometry, CLOUD), count, Proxy::Sphere)?;
     let rest = geometry.rest();
     let mut mixes = Vec::new();
     let mut influences = Vec::new();

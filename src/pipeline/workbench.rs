@@ -10,22 +10,22 @@ mod sample;
 mod whole;
 
 use std::hint::black_box;
+use std::sync::Arc;
 use std::time::Instant;
 
 use super::candidates::CandidateRecipe;
 use super::fit::{Assembled, assemble, fit_sizes, geometry, order_kept, settings_for};
 use super::imported::Imported;
 use super::measure::evaluate_widened;
-use super::recipe::{
-    DEFAULT_GROUPS, FamilyName, FitRecipe, FrameName, OnName, ParametrisationName, Recipe,
-};
+use super::recipe::{FamilyName, FitRecipe, FrameName, OnName, ParametrisationName, Recipe};
 use super::tradeoff::point;
 use super::{Error, FittedModel, Job, encoding};
 use crate::choose::Point;
 use crate::dataset::{Dataset, Movement, Training, TrainingParts};
-use crate::fit::{Kept, Largest, Shared};
+use crate::fit::{Inscribed, Largest, Shared};
 use crate::model::{Model, PosedInput, PosedPoints, Precision, RigHeader};
 use sample::{sample, thinned};
+use whole::largest;
 
 /// Points that candidates are tried on, at most.
 const MOST_POINTS: usize = 1024;
@@ -69,6 +69,8 @@ pub(super) struct Workbench<'a> {
     encodings: Vec<Encoding>,
     /// The mesh of the points, posed as the data are, where a candidate looks at it.
     posed: Option<(Job, Vec<PosedPoints>)>,
+    /// What spheres of the whole mesh are cut of.
+    inscribed: Option<Arc<Inscribed>>,
     largest: Largest,
     /// Points of the data set for each one here.
     ratio: f64,
@@ -122,6 +124,7 @@ impl<'a> Workbench<'a> {
             stored: stored.poses.parametrisation,
             encodings: Vec::new(),
             posed: None,
+            inscribed: None,
             largest: largest(candidates),
             ratio: layout.points as f64 / points.len() as f64,
             rest_bytes: 0,
@@ -142,6 +145,9 @@ impl<'a> Workbench<'a> {
             let job = super::job_of(dataset)?;
             if candidates.iter().any(|candidate| candidate.recipe.fit.include_rest) {
                 this.rest_bytes = whole::rest_bytes(&job);
+            }
+            if candidates.iter().any(|c| c.recipe.fit.family == FamilyName::Occluder) {
+                this.inscribed = Some(Arc::new(whole::inscribed(&job, &points)));
             }
             let job = thinned(job, &points);
             let surfaces = this.poses.iter().map(|&pose| job.surface(pose, turns)).collect();
@@ -201,7 +207,7 @@ impl<'a> Workbench<'a> {
         let keep: Vec<usize> =
             (0..self.poses.len()).filter(|pose| !left_out.contains(pose)).collect();
         let trainings = self.encodings.iter().map(|e| self.training(e).only(&keep)).collect();
-        let shared = Shared::new(self.largest);
+        let shared = Shared::new(self.largest).with_inscribed(self.inscribed.clone());
         Bench { bench: self, keep, left_out: left_out.to_vec(), trainings, shared }
     }
 }
@@ -292,7 +298,7 @@ impl Bench<'_> {
         }
         let start = Instant::now();
         // What others share is of all coefficients.
-        let own = Shared::new(bench.largest);
+        let own = Shared::new(bench.largest).with_inscribed(bench.inscribed.clone());
         let alone = recipe.fit.bands.is_some() || bench.is_timing;
         let shared = if alone { &own } else { &self.shared };
         let fitted = fit_sizes(training, settings, &recipe, geometry.as_ref(), shared)?;
@@ -378,16 +384,4 @@ impl Bench<'_> {
         let count = (self.left_out.len() * numbers).max(1) as f64;
         Ok(sums.into_iter().map(|sum| sum / count - base.noise_variance).collect())
     }
-}
-
-/// The largest sizes among candidates.
-fn largest(candidates: &[CandidateRecipe]) -> Largest {
-    let fits = || candidates.iter().map(|candidate| &candidate.recipe.fit);
-    let outputs = fits().filter_map(|fit| fit.outputs).max().unwrap_or(0).max(40);
-    let default = super::recipe::DEFAULT_CLUSTER_RETAINED;
-    let share = fits().filter_map(|fit| fit.retain_outputs).fold(default, f64::max);
-    let of_occluders = fits().filter(|fit| fit.family == FamilyName::Occluder);
-    let groups = of_occluders.map(|fit| fit.groups.unwrap_or(DEFAULT_GROUPS)).max().unwrap_or(0);
-    let cluster_outputs = Kept::Share(share);
-    Largest { outputs: outputs as usize, cluster_outputs, groups: groups as usize }
 }

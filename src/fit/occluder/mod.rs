@@ -35,7 +35,8 @@ use blocked::{Seen, Weighing, Work};
 use explained::{Chunk, chunks};
 pub(super) use sight::Sight;
 use solver::Solver;
-pub(super) use spheres::{Proxy, cut, cut_among};
+pub use spheres::Inscribed;
+pub(super) use spheres::{Proxy, cut};
 use sums::{Moments, Sums};
 
 /// Parts into which the training poses are cut to be left out, at most.
@@ -53,11 +54,11 @@ struct PointMoments {
 fn place(
     geometry: &Geometry<'_>,
     turns: &[glam::Quat],
-    count: usize,
-    directions: usize,
+    (count, directions): (usize, usize),
+    inscribed: &Inscribed,
 ) -> Result<Placed, Error> {
     let proxy = if directions > 0 { Proxy::Ellipsoid } else { Proxy::Sphere };
-    let spheres = cut(geometry, count, proxy)?;
+    let spheres = cut(inscribed, count, proxy)?;
     let bone_of_sphere: Vec<usize> = spheres
         .anchors
         .iter()
@@ -110,8 +111,8 @@ pub(super) fn fit(
     let largest = shared.largest().map_or(0, |largest| largest.groups);
     let most = largest.max(settings.groups);
     let seen = shared.seen(Outputs::of(&Settings { groups: most, ..*settings }), || {
-        let spheres = settings.spheres.unwrap_or_default();
-        let placed = place(geometry, turns, spheres, settings.directions)?;
+        let sizes = (settings.spheres.unwrap_or_default(), settings.directions);
+        let placed = place(geometry, turns, sizes, &*shared.inscribed(geometry)?)?;
         Sight::new(source, placed, &folds(clips, settings), (most, largest > 0))
     })?;
     let seen = seen.of_groups(settings.groups);

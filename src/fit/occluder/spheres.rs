@@ -53,6 +53,8 @@ pub(in crate::fit) enum Proxy {
 #[derive(Debug, Clone, Copy)]
 struct Sample {
     point: u32,
+    /// The same among those that may carry spheres; [`NO_CARRIER`] of the others.
+    carrier: u32,
     bone: u16,
     position: Vec3,
     /// Unit, times [`NORMAL_LENGTH`].
@@ -62,37 +64,78 @@ struct Sample {
     ball_radius: f32,
 }
 
-/// Cuts `count` spheres, or as many as the mesh allows; at least one for every bone.
-pub(in crate::fit) fn cut(
-    geometry: &Geometry<'_>,
-    count: usize,
-    proxy: Proxy,
-) -> Result<Spheres, Error> {
-    cut_among(geometry, count, proxy, CLOUD)
+/// What carries nothing.
+const NO_CARRIER: u32 = u32::MAX;
+
+/// The balls inscribed at the points of a mesh at rest, of which spheres are cut.
+#[derive(Debug)]
+pub struct Inscribed {
+    samples: Vec<Sample>,
+    diagonal: f32,
 }
 
-/// The same by a number of points that are looked at.
-pub(in crate::fit) fn cut_among(
-    geometry: &Geometry<'_>,
+impl Inscribed {
+    pub(in crate::fit) fn new(geometry: &Geometry<'_>) -> Self {
+        Self::looked_at(geometry, CLOUD, &[])
+    }
+
+    /// By a number of points that are looked at.
+    pub(in crate::fit) fn among(geometry: &Geometry<'_>, cloud: usize) -> Self {
+        Self::looked_at(geometry, cloud, &[])
+    }
+
+    fn looked_at(geometry: &Geometry<'_>, cloud: usize, also: &[u32]) -> Self {
+        let rest = geometry.rest();
+        let areas = geometry.areas(&rest.positions);
+        let diagonal = diagonal(&rest.positions);
+        Self { samples: samples(geometry, &rest, (&areas, diagonal), (cloud, also)), diagonal }
+    }
+
+    /// Of a whole mesh, for fits to some of its points, ascending, by whose numbers spheres are carried: as the whole
+    /// would have them.
+    #[must_use]
+    pub fn of_whole(geometry: &Geometry<'_>, some: &[u32]) -> Self {
+        let mut all = Self::looked_at(geometry, CLOUD, some);
+        let place = |point: u32| some.binary_search(&point).map_or(NO_CARRIER, |at| at as u32);
+        all.samples.iter_mut().for_each(|sample| sample.carrier = place(sample.point));
+        all
+    }
+
+    /// Members that may carry a cluster; one near it where it has none.
+    fn carriers(&self, cluster: &[Sample]) -> Vec<Sample> {
+        let carries = |sample: &&Sample| sample.carrier != NO_CARRIER;
+        let own: Vec<Sample> = cluster.iter().filter(carries).copied().collect();
+        if !own.is_empty() {
+            return own;
+        }
+        let bone = cluster.first().map(|sample| sample.bone);
+        let mean = mean_of(cluster, |sample| sample.position);
+        let far = |sample: &Sample| {
+            (Some(sample.bone) != bone, sample.position.distance_squared(mean).to_bits())
+        };
+        let all = self.samples.iter().filter(carries);
+        all.min_by_key(|sample| far(sample)).copied().into_iter().collect()
+    }
+}
+
+/// Cuts `count` spheres, or as many as the mesh allows; at least one for every bone.
+pub(in crate::fit) fn cut(
+    inscribed: &Inscribed,
     count: usize,
     proxy: Proxy,
-    cloud: usize,
 ) -> Result<Spheres, Error> {
-    let rest = geometry.rest();
-    let areas = geometry.areas(&rest.positions);
-    let diagonal = diagonal(&rest.positions);
-    let samples = samples(geometry, &rest, (&areas, diagonal), cloud);
+    let diagonal = inscribed.diagonal;
     let mut spheres = Spheres::default();
-    for cluster in clusters(&samples, count)? {
+    for cluster in clusters(&inscribed.samples, count)? {
         let area: f32 = cluster.iter().map(|s| s.area).sum();
         let centre = mean_of(&cluster, |s| s.ball_centre);
         let radius = cluster.iter().map(|s| s.area * s.ball_radius).sum::<f32>() / area;
-        let anchors = spread(&cluster);
+        let anchors = spread(&inscribed.carriers(&cluster));
         // From one of them: far from the origin sums of places round by more than a limb is wide.
         let first = anchors[0].position;
         let carried: Vec3 =
             anchors.iter().map(|s| s.position - first).sum::<Vec3>() / ANCHORS as f32;
-        spheres.anchors.extend(anchors.iter().map(|s| s.point));
+        spheres.anchors.extend(anchors.iter().map(|s| s.carrier));
         spheres.offsets.push((centre - first) - carried);
         if proxy == Proxy::Sphere {
             spheres.radii.push(INFLATION * radius);
@@ -152,7 +195,7 @@ fn samples(
     geometry: &Geometry<'_>,
     rest: &Deformed,
     (areas, diagonal): (&[f32], f32),
-    cloud: usize,
+    (cloud, also): (usize, &[u32]),
 ) -> Vec<Sample> {
     let stride = rest.positions.len().div_ceil(cloud).max(1);
     let cloud: Vec<Vec3> = rest.positions.iter().copied().step_by(stride).collect();
@@ -164,6 +207,7 @@ fn samples(
         let ball_radius = cloud.ball(position, normal);
         Sample {
             point: point as u32,
+            carrier: point as u32,
             bone: geometry.bones.of_point[point],
             position,
             normal: normal * (NORMAL_LENGTH * diagonal),
@@ -173,7 +217,10 @@ fn samples(
         }
     };
     use rayon::prelude::*;
-    let points: Vec<usize> = (0..rest.positions.len()).step_by(stride).collect();
+    let strided = (0..rest.positions.len()).step_by(stride);
+    let mut points: Vec<usize> = strided.chain(also.iter().map(|&point| point as usize)).collect();
+    points.sort_unstable();
+    points.dedup();
     points.into_par_iter().map(sample).collect()
 }
 

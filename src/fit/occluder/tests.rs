@@ -147,7 +147,8 @@ fn exact(
     let turns = puppet.turns();
     let root = Settings { frame: Frame::Root, ..settings(signal) };
     let mut explained = Explained::new(&geometry, &root, &turns);
-    let mut placed = place(&geometry, &turns, 12, directions).unwrap();
+    let mut placed =
+        place(&geometry, &turns, (12, directions), &Inscribed::new(&geometry)).unwrap();
     let groups = placed.occluders.groups(puppet.points.count());
     for (i, out) in placed.occluders.weights.iter_mut().enumerate() {
         *out = weight(i / groups, i % groups);
@@ -167,7 +168,7 @@ fn spheres_fill_the_limbs() {
     let puppet = Puppet::new();
     let order = Order::new(1).unwrap();
     let (geometry, turns) = (puppet.geometry(Signal::Ao, order), puppet.turns());
-    let placed = place(&geometry, &turns, 12, 0).unwrap();
+    let placed = place(&geometry, &turns, (12, 0), &Inscribed::new(&geometry)).unwrap();
     let occluders = &placed.occluders;
     assert_eq!(occluders.spheres(), 12);
     assert!(occluders.radii.iter().all(|r| (0.06..0.2).contains(r)), "{:?}", occluders.radii);
@@ -229,7 +230,7 @@ fn ellipsoids_lie_along_the_limbs() {
     let puppet = Puppet::new();
     let order = Order::new(1).unwrap();
     let (geometry, turns) = (puppet.geometry(Signal::Ao, order), puppet.turns());
-    let placed = place(&geometry, &turns, 3, 64).unwrap();
+    let placed = place(&geometry, &turns, (3, 64), &Inscribed::new(&geometry)).unwrap();
     assert_eq!((placed.occluders.spheres(), placed.centres.len()), (3, 0));
     for shape in placed.occluders.shapes.as_chunks::<6>().0 {
         let [across, along] = [1.0 / shape[0], 1.0 / shape[1]];
@@ -312,6 +313,37 @@ fn noise_leaves_shared_weights() {
             let most = all.clone().fold(f32::NEG_INFINITY, |a, &b| a.max(b));
             let least = all.fold(f32::INFINITY, |a, &b| a.min(b));
             assert!(most - least < 0.3, "bone {bone}, group {group}: {least} to {most}");
+        }
+    }
+}
+
+/// Proves that spheres of a whole mesh, carried by some of its points, are those of the whole at rest: as many, of
+/// the same radii, at the same places, each carried by points that are kept, of its bone where there are any.
+#[test]
+fn some_points_carry_the_spheres_of_all() {
+    let puppet = Puppet::new();
+    let geometry = puppet.geometry(Signal::Ao, Order::new(1).unwrap());
+    let rest = geometry.rest().positions;
+    for step in [1, 5, 40, 90] {
+        let some: Vec<u32> = (0..rest.len() as u32).step_by(step).collect();
+        let whole = cut(&Inscribed::new(&geometry), 9, Proxy::Ellipsoid).unwrap();
+        let part = cut(&Inscribed::of_whole(&geometry, &some), 9, Proxy::Ellipsoid).unwrap();
+        assert_eq!((&whole.radii, &whole.shapes), (&part.radii, &part.shapes));
+        let bone = |point: u32| puppet.bones.of_point[point as usize];
+        for q in 0..whole.radii.len() {
+            let own = &whole.anchors[q * ANCHORS..(q + 1) * ANCHORS];
+            let carriers: Vec<u32> = part.anchors[q * ANCHORS..(q + 1) * ANCHORS]
+                .iter()
+                .map(|&carrier| some[carrier as usize])
+                .collect();
+            let centre = |anchors: &[u32], offset: Vec3| {
+                let sum: Vec3 = anchors.iter().map(|&point| rest[point as usize]).sum();
+                sum / ANCHORS as f32 + offset
+            };
+            let apart = centre(own, whole.offsets[q]) - centre(&carriers, part.offsets[q]);
+            assert!(apart.length() < 1e-5, "{step}: {apart}");
+            let has_own = some.iter().any(|&point| bone(point) == bone(own[0]));
+            assert!(!has_own || carriers.iter().all(|&point| bone(point) == bone(own[0])));
         }
     }
 }

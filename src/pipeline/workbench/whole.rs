@@ -2,14 +2,45 @@
 
 use super::Bench;
 use crate::choose::Point;
-use crate::model::{Model, Precision, RestSizes};
-use crate::pipeline::Job;
+use crate::fit::{Geometry, Inscribed, Kept, Largest};
+use crate::model::{Model, Precision, RestSizes, Signal};
+use crate::pipeline::recipe::{DEFAULT_CLUSTER_RETAINED, DEFAULT_GROUPS, FamilyName};
 use crate::pipeline::tradeoff::mesh_percent;
+use crate::pipeline::{CandidateRecipe, Job};
+use crate::sh::Order;
 
 /// What the points of a scene at rest, with what moves them, add to a model.
 pub(super) fn rest_bytes(job: &Job) -> u64 {
     let mesh = job.scene.mesh.subset(&job.poses.points.vertex);
     RestSizes::of(&mesh).bytes(mesh.positions.len(), job.scene.skeleton.nodes.len())
+}
+
+/// The balls inscribed in the whole mesh of a job, for spheres that some of its points carry.
+pub(super) fn inscribed(job: &Job, points: &[u32]) -> Inscribed {
+    let geometry = Geometry {
+        skeleton: &job.scene.skeleton,
+        mesh: &job.scene.mesh,
+        points: &job.poses.points,
+        bones: &job.poses.bones,
+        signal: Signal::Ao,
+        order: Order::new(1).expect("order 1 is one"),
+        columns: Vec::new(),
+        tangents: None,
+        poses: Vec::new(),
+    };
+    Inscribed::of_whole(&geometry, points)
+}
+
+/// The largest sizes among candidates.
+pub(super) fn largest(candidates: &[CandidateRecipe]) -> Largest {
+    let fits = || candidates.iter().map(|candidate| &candidate.recipe.fit);
+    let outputs = fits().filter_map(|fit| fit.outputs).max().unwrap_or(0).max(40);
+    let default = DEFAULT_CLUSTER_RETAINED;
+    let share = fits().filter_map(|fit| fit.retain_outputs).fold(default, f64::max);
+    let of_occluders = fits().filter(|fit| fit.family == FamilyName::Occluder);
+    let groups = of_occluders.map(|fit| fit.groups.unwrap_or(DEFAULT_GROUPS)).max().unwrap_or(0);
+    let cluster_outputs = Kept::Share(share);
+    Largest { outputs: outputs as usize, cluster_outputs, groups: groups as usize }
 }
 
 impl Bench<'_> {
