@@ -178,7 +178,7 @@ fn regularisation(fit: &FitRecipe, on: OnName) -> Result<(), RecipeError> {
 fn poses(poses: &PosesRecipe) -> Result<(), RecipeError> {
     let stated = Some(poses.choice).filter(|&choice| choice != PoseChoiceName::Distance);
     let stated = stated.filter(|_| poses.most.is_none()).map(name);
-    absent("poses.choice", stated, "only `poses.most` (--most-poses) chooses among poses by it")
+    absent("poses.choice", stated, "only `poses.most` chooses among poses by it")
 }
 
 fn bake(bake: &BakeRecipe) -> Result<(), RecipeError> {
