@@ -97,7 +97,7 @@ fn story(
     ChoiceFigures {
         asked: Hashes::of(&scene, asked).fit,
         name: point.name.clone(),
-        candidates: found.points.len() + found.estimates.len(),
+        candidates: found.tried,
         search_s: found.search_s,
         left_out: found.left_out.clone(),
         validation_rms,

@@ -52,7 +52,7 @@ pub struct ChoiceFigures {
     pub asked: String,
     /// What was chosen, in words.
     pub name: String,
-    /// Candidates that were looked at, every precision counted.
+    /// Candidates that were tried, every precision counted.
     pub candidates: usize,
     /// Wall time of the search, seconds.
     pub search_s: f64,

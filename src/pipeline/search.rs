@@ -45,6 +45,8 @@ pub struct Searched {
     /// The other candidates that were looked at to the end, their sizes, times and errors
     /// estimated from some of the points.
     pub estimates: Vec<Point>,
+    /// Candidates that were tried, in every precision; those without hope not to the end.
+    pub tried: usize,
     /// Index of the point of choice.
     pub chosen: usize,
     /// Whether it meets the target on the validation poses.
@@ -82,6 +84,7 @@ pub fn search(
         // Of one pose all models are its values.
         entries.retain(|entry| entry.candidate.recipe.fit.family == FamilyName::Mean);
     }
+    let tried = entries.len() * Precision::ALL.len();
     let mut count = Count::new(start, (entries.len() * folds.len()) as u64);
     let room = with_room(target, dataset);
     for (index, fold) in folds.iter().enumerate() {
@@ -124,7 +127,7 @@ pub fn search(
     let is_settled = |name: &str| settled.iter().any(|entry| entry.candidate.name == name);
     let others = entries.iter().filter(|entry| !is_settled(&entry.candidate.name));
     let estimates = others.flat_map(Entry::finished).collect();
-    Ok(Searched { estimates, left_out, ..found })
+    Ok(Searched { estimates, tried, left_out, ..found })
 }
 
 /// Those that come into question, one after another, with the point that the target would choose: first what is
@@ -165,30 +168,19 @@ pub fn exhaustive(
     watch: &Watch,
 ) -> Result<(Vec<Point>, f64), Error> {
     let start = Instant::now();
-    let entries = exactly(dataset, candidates, watch, start)?;
-    let points = entries.iter().flat_map(Entry::finished).collect();
-    Ok((points, start.elapsed().as_secs_f64()))
-}
-
-/// Fits to all points, each by itself.
-fn exactly<'a>(
-    dataset: &Dataset,
-    candidates: &'a [CandidateRecipe],
-    watch: &Watch,
-    start: Instant,
-) -> Result<Vec<Entry<'a>>, Error> {
-    let bench = Validation::new(dataset)?;
-    let (folds, _) = folds(&bench.clips, leaves_poses(candidates));
+    let validation = Validation::new(dataset)?;
+    let (folds, _) = folds(&validation.clips, leaves_poses(candidates));
     let mut entries = entries(candidates);
     let mut count = Count::new(start, (entries.len() * folds.len()) as u64);
     for (index, fold) in folds.iter().enumerate() {
         for entry in &mut entries {
             let time = entry.points.first().map(|point| point.evaluate_us);
-            entry.take(bench.try_out(entry.candidate, fold, time), watch, &mut count)?;
+            entry.take(validation.try_out(entry.candidate, fold, time), watch, &mut count)?;
         }
         entries.retain(|entry| entry.squares.len() == index + 1);
     }
-    Ok(entries)
+    let points = entries.iter().flat_map(Entry::finished).collect();
+    Ok((points, start.elapsed().as_secs_f64()))
 }
 
 /// The decision, and the fit to everything; where that costs more than it seemed to, what is next. `None`
@@ -237,6 +229,7 @@ fn fitted(
     Ok(Searched {
         points,
         estimates: Vec::new(),
+        tried: 0,
         chosen,
         met: false,
         shares,

@@ -58,7 +58,6 @@ fn candidates(
     if let Some(part) = args.only.iter().find(|part| !all.iter().any(|c| names(part, c))) {
         let mut kinds: Vec<&str> =
             all.iter().filter_map(|c| c.name.split([' ', ',']).next()).collect();
-        kinds.dedup();
         kinds.sort_unstable();
         kinds.dedup();
         let told = format!(

@@ -1,7 +1,7 @@
 //! Candidates that a search needs not look at to the end.
 
 use super::Entry;
-use crate::choose::{Point, Target, front};
+use crate::choose::{Target, front};
 
 /// A candidate is dropped where its error on what was left out so far is this many times that of a candidate
 /// which is as good in all else.
@@ -35,16 +35,12 @@ fn sum(entry: &Entry<'_>, point: usize) -> f64 {
 /// Keeps what is close to the front.
 fn drop_beaten(entries: &mut Vec<Entry<'_>>, target: &Target) {
     let place = |entry: &Entry<'_>, i: usize| (entry.points[i].bytes as f64, sum(entry, i).sqrt());
-    let quick = |point: &Point| target.affords_times(point);
-    let all = |entry: &Entry<'_>| -> Vec<(f64, f64)> {
-        (0..entry.points.len()).map(|i| place(entry, i)).collect()
-    };
-    let places: Vec<(f64, f64)> = (entries.iter())
-        .flat_map(|entry| {
-            let quick = (0..entry.points.len()).filter(|&i| quick(&entry.points[i]));
-            quick.map(|i| place(entry, i)).collect::<Vec<_>>()
-        })
-        .collect();
+    let quick = |entry: &Entry<'_>, i: usize| target.affords_times(&entry.points[i]);
+    let mut places = Vec::new();
+    for entry in entries.iter() {
+        let of_entry = (0..entry.points.len()).filter(|&i| quick(entry, i));
+        places.extend(of_entry.map(|i| place(entry, i)));
+    }
     if places.is_empty() {
         return;
     }
@@ -53,5 +49,5 @@ fn drop_beaten(entries: &mut Vec<Entry<'_>>, target: &Target) {
         let rivals = best.iter().filter(|(rival, _)| *rival <= bytes).map(|(_, error)| *error);
         error <= HOPELESS * rivals.fold(f64::INFINITY, f64::min)
     };
-    entries.retain(|entry| all(entry).iter().any(near));
+    entries.retain(|entry| (0..entry.points.len()).any(|i| near(&place(entry, i))));
 }

@@ -18,7 +18,11 @@ pub(super) struct Entry<'a> {
     pub(super) held: Vec<Vec<f64>>,
 }
 
-impl Entry<'_> {
+impl<'a> Entry<'a> {
+    fn new(candidate: &'a CandidateRecipe) -> Self {
+        Self { candidate, points: Vec::new(), squares: Vec::new(), held: Vec::new() }
+    }
+
     /// The same of the candidate as the second round has it.
     pub(super) fn of<'b>(&self, candidate: &'b CandidateRecipe) -> Entry<'b> {
         let Self { points, squares, held, .. } = self;
@@ -62,12 +66,7 @@ impl Entry<'_> {
         let first = |fold: &usize| self.squares[*fold][0];
         let worst = (0..folds.len()).max_by(|a, b| first(a).total_cmp(&first(b)));
         let Some(worst) = worst else { return Ok(false) };
-        let mut whole = Self {
-            candidate: self.candidate,
-            points: Vec::new(),
-            squares: Vec::new(),
-            held: Vec::new(),
-        };
+        let mut whole = Self::new(self.candidate);
         whole.take(validation.try_out(self.candidate, &folds[worst], None), watch, count)?;
         let Some(squares) = whole.squares.first() else { return Ok(false) };
         for (i, exact) in squares.iter().enumerate() {
@@ -124,9 +123,7 @@ impl Entry<'_> {
 }
 
 pub(super) fn entries(candidates: &[CandidateRecipe]) -> Vec<Entry<'_>> {
-    let entry =
-        |candidate| Entry { candidate, points: Vec::new(), squares: Vec::new(), held: Vec::new() };
-    candidates.iter().map(entry).collect()
+    candidates.iter().map(Entry::new).collect()
 }
 
 /// What is done of a round.
